@@ -1,0 +1,1 @@
+"""warpdem: fracture of solids made of bonded elements, on NVIDIA Warp."""

@@ -1,0 +1,321 @@
+"""Vectors and rotations of the plane and of space in one precision.
+
+The only place that knows the dimension: laws are written once over the names collected by `space`.
+An orientation is the turn since the reference state, a unit quaternion (x, y, z, w) in space and
+(sin, cos) of half the angle in the plane, so that no bond needs trigonometry.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from .memory import nn
+
+
+class Laws(SimpleNamespace):
+    """Functions that belong together; hashable, so that factories can be cached on it."""
+
+    __hash__ = object.__hash__
+
+
+@cache
+def space(dim: int, real: type) -> Laws:
+    """Algebra of the plane (dim 2) or of space (dim 3) over `real`."""
+    laws = _plane(real) if dim == 2 else _solid(real)
+    vec, rot, vec3 = laws.vec, laws.rot, laws.vec3
+
+    @wp.func
+    def rotate_by(q: rot, w: laws.spin, dt: real) -> rot:
+        """Exponential map exp(dt w / 2) q (theory A10), normalised.
+
+        Series of sin and cos keep the loop vectorisable; exact to rounding up to 2 rad a step. A
+        faster turn, far above any stable step, is cut off there so that it stays finite.
+        """
+        h = real(0.5) * dt
+        x = wp.min(h * h * laws.spin_squared(w), real(1.0))
+        sinc = real(1.0)
+        cosine = real(1.0)
+        for n in range(8, 0, -1):
+            sinc = real(1.0) - x * sinc / real(float(2 * n * (2 * n + 1)))
+            cosine = real(1.0) - x * cosine / real(float(2 * n * (2 * n - 1)))
+        return laws.compose(h * sinc * w, cosine, q)
+
+    @wp.func
+    def split(v: vec3, n: vec3) -> vec3:
+        """Part of v across the unit vector n."""
+        return v - wp.dot(v, n) * n
+
+    return Laws(**vars(laws), rotate_by=rotate_by, split=split)
+
+
+@cache
+def narrow(s: Laws, k: Laws):
+    """Cast a vector from the precision of k to that of s."""
+    vec, real = s.vec, s.real
+
+    if s is k:
+
+        @wp.func
+        def same(v: vec) -> vec:
+            return v
+
+        return same
+
+    if s.dim == 2:
+
+        @wp.func
+        def cast_plane(v: k.vec) -> vec:
+            return vec(real(v[0]), real(v[1]))
+
+        return cast_plane
+
+    @wp.func
+    def cast_solid(v: k.vec) -> vec:
+        return vec(real(v[0]), real(v[1]), real(v[2]))
+
+    return cast_solid
+
+
+@cache
+def narrow_spin(s: Laws, k: Laws):
+    """Cast an axial vector (a number in the plane) from the precision of k to that of s."""
+    if s.dim == 3:
+        return narrow(s, k)
+    real = s.real
+
+    @wp.func
+    def cast_spin(v: k.real) -> real:
+        return real(v)
+
+    return cast_spin
+
+
+def _plane(real: type) -> Laws:
+    vec = wp.types.vector(2, real)
+    rot = wp.types.vector(2, real)
+    vec3 = wp.types.vector(3, real)
+    mat3 = wp.types.matrix((3, 3), real)
+    spin = real
+
+    @wp.func
+    def turn(q: rot, c: vec) -> vec:
+        """(Q - 1) c without cancellation."""
+        k = real(2.0) * q[0]
+        return vec(-k * (q[0] * c[0] + q[1] * c[1]), k * (q[1] * c[0] - q[0] * c[1]))
+
+    @wp.func
+    def no_spin() -> spin:
+        return real(0.0)
+
+    @wp.func
+    def cross(a: vec, b: vec) -> spin:
+        return a[0] * b[1] - a[1] * b[0]
+
+    @wp.func
+    def relative(qi: rot, qj: rot) -> rot:
+        """Rotation from i to j in the world frame, q_j conj(q_i)."""
+        return rot(qj[0] * qi[1] - qj[1] * qi[0], qj[1] * qi[1] + qj[0] * qi[0])
+
+    @wp.func
+    def axial(q: rot) -> spin:
+        """Vector part of a rotation, sin(angle/2) times the axis."""
+        return q[0]
+
+    @wp.func
+    def scalar(q: rot) -> real:
+        return q[1]
+
+    @wp.func
+    def spin_squared(w: spin) -> real:
+        return w * w
+
+    @wp.func
+    def compose(p: spin, c: real, q: rot) -> rot:
+        """(p, c) q, normalised."""
+        r = rot(p * q[1] + c * q[0], c * q[1] - p * q[0])
+        return r / wp.sqrt(r[0] * r[0] + r[1] * r[1])
+
+    @wp.func
+    def embed(v: vec) -> vec3:
+        return vec3(v[0], v[1], real(0.0))
+
+    @wp.func
+    def load(a: wp.array(dtype=real), i: int) -> vec:
+        return vec(a[nn(2 * i)], a[nn(2 * i + 1)])
+
+    @wp.func
+    def store(a: wp.array(dtype=real), i: int, v: vec):
+        a[nn(2 * i)] = v[0]
+        a[nn(2 * i + 1)] = v[1]
+
+    @wp.func
+    def load_spin(a: wp.array(dtype=real), i: int) -> spin:
+        return a[i]
+
+    @wp.func
+    def store_spin(a: wp.array(dtype=real), i: int, w: spin):
+        a[i] = w
+
+    @wp.func
+    def load_rot(a: wp.array(dtype=real), i: int) -> rot:
+        return rot(a[nn(2 * i)], a[nn(2 * i + 1)])
+
+    @wp.func
+    def store_rot(a: wp.array(dtype=real), i: int, q: rot):
+        a[nn(2 * i)] = q[0]
+        a[nn(2 * i + 1)] = q[1]
+
+    @wp.func
+    def load_tensor(a: wp.array(dtype=real), i: int) -> mat3:
+        """Symmetric tensor kept as xx, yy, xy, zz."""
+        o = real(0.0)
+        xy = a[nn(4 * i + 2)]
+        return mat3(a[nn(4 * i)], xy, o, xy, a[nn(4 * i + 1)], o, o, o, a[nn(4 * i + 3)])
+
+    @wp.func
+    def store_tensor(a: wp.array(dtype=real), i: int, t: mat3):
+        a[nn(4 * i)] = t[0, 0]
+        a[nn(4 * i + 1)] = t[1, 1]
+        a[nn(4 * i + 2)] = t[0, 1]
+        a[nn(4 * i + 3)] = t[2, 2]
+
+    return Laws(
+        dim=2,
+        real=real,
+        vec=vec,
+        rot=rot,
+        spin=spin,
+        vec3=vec3,
+        mat3=mat3,
+        turn=turn,
+        no_spin=no_spin,
+        cross=cross,
+        relative=relative,
+        axial=axial,
+        scalar=scalar,
+        spin_squared=spin_squared,
+        compose=compose,
+        embed=embed,
+        load=load,
+        store=store,
+        load_spin=load_spin,
+        store_spin=store_spin,
+        load_rot=load_rot,
+        store_rot=store_rot,
+        load_tensor=load_tensor,
+        store_tensor=store_tensor,
+    )
+
+
+def _solid(real: type) -> Laws:
+    vec = wp.types.vector(3, real)
+    rot = wp.types.quaternion(real)
+    mat3 = wp.types.matrix((3, 3), real)
+    spin = vec
+
+    @wp.func
+    def turn(q: rot, c: vec) -> vec:
+        """(Q - 1) c without cancellation."""
+        p = vec(q[0], q[1], q[2])
+        return real(2.0) * wp.cross(p, q[3] * c + wp.cross(p, c))
+
+    @wp.func
+    def no_spin() -> spin:
+        return vec()
+
+    @wp.func
+    def cross(a: vec, b: vec) -> spin:
+        return wp.cross(a, b)
+
+    @wp.func
+    def relative(qi: rot, qj: rot) -> rot:
+        """Rotation from i to j in the world frame, q_j conj(q_i)."""
+        return qj * wp.quat_inverse(qi)
+
+    @wp.func
+    def axial(q: rot) -> spin:
+        """Vector part of a rotation, sin(angle/2) times the axis."""
+        return vec(q[0], q[1], q[2])
+
+    @wp.func
+    def scalar(q: rot) -> real:
+        return q[3]
+
+    @wp.func
+    def spin_squared(w: spin) -> real:
+        return wp.dot(w, w)
+
+    @wp.func
+    def compose(p: spin, c: real, q: rot) -> rot:
+        """(p, c) q, normalised."""
+        return wp.normalize(rot(p[0], p[1], p[2], c) * q)
+
+    @wp.func
+    def embed(v: vec) -> vec:
+        return v
+
+    @wp.func
+    def load(a: wp.array(dtype=real), i: int) -> vec:
+        return vec(a[nn(3 * i)], a[nn(3 * i + 1)], a[nn(3 * i + 2)])
+
+    @wp.func
+    def store(a: wp.array(dtype=real), i: int, v: vec):
+        a[nn(3 * i)] = v[0]
+        a[nn(3 * i + 1)] = v[1]
+        a[nn(3 * i + 2)] = v[2]
+
+    @wp.func
+    def load_rot(a: wp.array(dtype=real), i: int) -> rot:
+        return rot(a[nn(4 * i)], a[nn(4 * i + 1)], a[nn(4 * i + 2)], a[nn(4 * i + 3)])
+
+    @wp.func
+    def store_rot(a: wp.array(dtype=real), i: int, q: rot):
+        a[nn(4 * i)] = q[0]
+        a[nn(4 * i + 1)] = q[1]
+        a[nn(4 * i + 2)] = q[2]
+        a[nn(4 * i + 3)] = q[3]
+
+    @wp.func
+    def load_tensor(a: wp.array(dtype=real), i: int) -> mat3:
+        """Symmetric tensor kept as xx, yy, zz, xy, yz, xz."""
+        xy = a[nn(6 * i + 3)]
+        yz = a[nn(6 * i + 4)]
+        xz = a[nn(6 * i + 5)]
+        return mat3(a[nn(6 * i)], xy, xz, xy, a[nn(6 * i + 1)], yz, xz, yz, a[nn(6 * i + 2)])
+
+    @wp.func
+    def store_tensor(a: wp.array(dtype=real), i: int, t: mat3):
+        a[nn(6 * i)] = t[0, 0]
+        a[nn(6 * i + 1)] = t[1, 1]
+        a[nn(6 * i + 2)] = t[2, 2]
+        a[nn(6 * i + 3)] = t[0, 1]
+        a[nn(6 * i + 4)] = t[1, 2]
+        a[nn(6 * i + 5)] = t[0, 2]
+
+    return Laws(
+        dim=3,
+        real=real,
+        vec=vec,
+        rot=rot,
+        spin=spin,
+        vec3=vec,
+        mat3=mat3,
+        turn=turn,
+        no_spin=no_spin,
+        cross=cross,
+        relative=relative,
+        axial=axial,
+        scalar=scalar,
+        spin_squared=spin_squared,
+        compose=compose,
+        embed=embed,
+        load=load,
+        store=store,
+        load_spin=load,
+        store_spin=store,
+        load_rot=load_rot,
+        store_rot=store_rot,
+        load_tensor=load_tensor,
+        store_tensor=store_tensor,
+    )

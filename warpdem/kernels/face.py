@@ -1,0 +1,61 @@
+"""Kinematics of a face between two elements (theory B2, B2a).
+
+Facet points y_i = x_i + Q_i c_i and y_j = x_j + Q_j c_j coincide in the reference state, whatever
+the centroid's place on the face, so c_i - c_j is the reference centre line there.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .algebra import Laws, narrow
+from .memory import nn
+
+
+@cache
+def face(s: Laws, k: Laws) -> Laws:
+    """Openings and normals, differenced in the precision of k and returned in that of s."""
+    narrowed = narrow(s, k)
+
+    @wp.func
+    def opening(du: k.vec, qi: k.rot, qj: k.rot, ci: k.vec, cj: k.vec) -> k.vec:
+        """delta = y_j - y_i [m] = u_j - u_i + (Q_j - 1) c_j - (Q_i - 1) c_i."""
+        return du + k.turn(qj, cj) - k.turn(qi, ci)
+
+    @wp.func
+    def load_opening(
+        b: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ):
+        """Opening, and the arms from both centres to the face, in the world frame."""
+        i = nn(bond_i[b])
+        j = nn(bond_j[b])
+        qi = k.load_rot(orientation, i)
+        qj = k.load_rot(orientation, j)
+        ci = k.load(bond_arm, nn(2 * b))
+        cj = k.load(bond_arm, nn(2 * b + 1))
+        delta = opening(k.load(displacement, j) - k.load(displacement, i), qi, qj, ci, cj)
+        return narrowed(delta), narrowed(ci + k.turn(qi, ci)), narrowed(cj + k.turn(qj, cj))
+
+    @wp.func
+    def load_normals(
+        b: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ):
+        """The face normal as each element carries it, Q_i n0 and Q_j n0; their mean direction is n.
+
+        It is not the centre line: m S n must sum to m V 1 with the carried arms (theory B6).
+        """
+        n0 = wp.normalize(k.load(bond_arm, nn(2 * b)) - k.load(bond_arm, nn(2 * b + 1)))
+        qi = k.load_rot(orientation, nn(bond_i[b]))
+        qj = k.load_rot(orientation, nn(bond_j[b]))
+        return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))
+
+    return Laws(opening=opening, load_opening=load_opening, load_normals=load_normals)

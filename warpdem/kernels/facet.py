@@ -1,0 +1,165 @@
+"""The facet bond: an isotropic spring between the two points of a face (theory B2a).
+
+The pair part of Shilko eq. 7 in exact, finite-rotation form: c_A = c_D = 2 G S / r0, so its energy
+needs no split into normal and tangential parts.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .algebra import Laws
+from .face import face
+from .memory import kernel, nn
+from .volume import volume
+
+
+@cache
+def facet(s: Laws) -> Laws:
+    """Laws of the facet bond: linked, and unlinked where it only resists closing."""
+    real, vec = s.real, s.vec
+
+    @wp.func
+    def energy(stiffness: real, delta: vec) -> real:
+        """U = k/2 |delta|^2 [J]."""
+        return real(0.5) * stiffness * wp.dot(delta, delta)
+
+    @wp.func
+    def force(stiffness: real, delta: vec, ci: vec, cj: vec):
+        """Force on i [N], -dU/dx_i, and the torques on i and j, acting at the facet points."""
+        f = stiffness * delta
+        return f, s.cross(ci, f), -s.cross(cj, f)
+
+    @wp.func
+    def closing_energy(stiffness: real, delta: vec, p: vec, m: vec) -> real:
+        """U = k_c/2 <gap>^2 [J], gap = delta . n if negative, else 0 (theory B11)."""
+        gap = wp.min(wp.dot(delta, wp.normalize(p + m)), real(0.0))
+        return real(0.5) * stiffness * gap * gap
+
+    @wp.func
+    def closing_force(stiffness: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec):
+        """Force on i and torques of the closing energy, the turning of n included."""
+        n = wp.normalize(p + m)
+        gap = wp.dot(delta, n)
+        pull = stiffness * wp.min(gap, real(0.0))
+        slip = (delta - gap * n) / wp.length(p + m)
+        f = pull * n
+        ti = s.cross(ci, f) - pull * s.cross(p, slip)
+        tj = -s.cross(cj, f) - pull * s.cross(m, slip)
+        return f, ti, tj
+
+    return Laws(
+        energy=energy, force=force, closing_energy=closing_energy, closing_force=closing_force
+    )
+
+
+@cache
+def facet_forces(s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, simd: bool = False):
+    """Pass over facet bonds: force on i and the torques on both elements."""
+    geometry, law, many, real = face(s, k), facet(s), volume(s), s.real
+
+    def facet_forces(
+        # model
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        facet_stiffness: wp.array(dtype=real),
+        bond_weight: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        bond_linked: wp.array(dtype=real),
+        volume_stress: wp.array(dtype=real),
+        # written
+        bond_force: wp.array(dtype=real),
+        bond_torque: wp.array(dtype=real),
+        first: int,
+    ):
+        b = nn(wp.tid() + first)
+        delta, ci, cj = geometry.load_opening(
+            b, bond_i, bond_j, bond_arm, displacement, orientation
+        )
+        f, ti, tj = law.force(facet_stiffness[b], delta, ci, cj)
+        if wp.static(has_volume):
+            gi = volume_stress[nn(bond_i[b])]
+            gj = volume_stress[nn(bond_j[b])]
+            fv, tiv, tjv = many.force(bond_weight[b], gi, gj, ci, cj, delta)
+            f += fv
+            ti += tiv
+            tj += tjv
+        if wp.static(has_unlinked):
+            f *= bond_linked[b]
+            ti *= bond_linked[b]
+            tj *= bond_linked[b]
+        s.store(bond_force, b, f)
+        s.store_spin(bond_torque, nn(2 * b), ti)
+        s.store_spin(bond_torque, nn(2 * b + 1), tj)
+
+    return kernel(facet_forces, simd)
+
+
+@cache
+def facet_closing(s: Laws, k: Laws):
+    """Pass over listed facet bonds: unlinked ones resist closing (theory B11)."""
+    geometry, law, real = face(s, k), facet(s), s.real
+
+    def facet_closing(
+        # model
+        listed: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        facet_closing_stiffness: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        bond_linked: wp.array(dtype=real),
+        # written
+        bond_force: wp.array(dtype=real),
+        bond_torque: wp.array(dtype=real),
+        first: int,
+    ):
+        b = nn(listed[wp.tid() + first])
+        if bond_linked[b] == real(0.0):
+            delta, ci, cj = geometry.load_opening(
+                b, bond_i, bond_j, bond_arm, displacement, orientation
+            )
+            p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
+            f, ti, tj = law.closing_force(facet_closing_stiffness[b], delta, ci, cj, p, m)
+            s.store(bond_force, b, f)
+            s.store_spin(bond_torque, nn(2 * b), ti)
+            s.store_spin(bond_torque, nn(2 * b + 1), tj)
+
+    return kernel(facet_closing)
+
+
+@cache
+def facet_energies(s: Laws, k: Laws, has_unlinked: bool):
+    """Per facet bond: the energy it holds linked, and the one it holds unlinked [J]."""
+    geometry, law, real = face(s, k), facet(s), s.real
+
+    def facet_energies(
+        # model
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        facet_stiffness: wp.array(dtype=real),
+        facet_closing_stiffness: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        # written
+        linked_energy: wp.array(dtype=real),
+        unlinked_energy: wp.array(dtype=real),
+        first: int,
+    ):
+        b = nn(wp.tid() + first)
+        delta, ci, cj = geometry.load_opening(
+            b, bond_i, bond_j, bond_arm, displacement, orientation
+        )
+        linked_energy[b] = law.energy(facet_stiffness[b], delta)
+        if wp.static(has_unlinked):
+            p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
+            unlinked_energy[b] = law.closing_energy(facet_closing_stiffness[b], delta, p, m)
+
+    return kernel(facet_energies)

@@ -1,0 +1,47 @@
+"""Average stress of an element from the forces on its faces (Shilko eq. 5 as theory 5')."""
+
+from functools import cache
+
+import warp as wp
+
+from .algebra import Laws, narrow
+from .memory import kernel, nn
+
+
+@cache
+def element_stress(s: Laws, k: Laws, slots: int, has_volume: bool, plane_strain: bool):
+    """Pass over listed elements: sigma_i = sym (1/V_i) sum c (x) F [Pa], tension positive.
+
+    Plane strain adds sigma_zz = D m; in plane stress it is zero.
+    """
+    real, narrowed = s.real, narrow(s, k)
+
+    def element_stress(
+        # model
+        listed: wp.array(dtype=int),
+        incidence: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        element_volume: wp.array(dtype=real),
+        # state read
+        orientation: wp.array(dtype=k.real),
+        bond_force: wp.array(dtype=real),
+        volume_stress: wp.array(dtype=real),
+        # written
+        stress: wp.array(dtype=real),
+        elements: int,
+    ):
+        i = listed[wp.tid()]
+        q = k.load_rot(orientation, i)
+        t = s.mat3()
+        for slot in range(wp.static(slots)):
+            entry = nn(incidence[nn(slot * elements + i)])
+            c0 = k.load(bond_arm, entry)
+            c = s.embed(narrowed(c0 + k.turn(q, c0)))
+            f = s.embed(s.load(bond_force, nn(entry >> 1)))
+            t += real(1 - 2 * (entry & 1)) * wp.outer(c, f)
+        t = (real(0.5) / element_volume[i]) * (t + wp.transpose(t))
+        if wp.static(plane_strain and has_volume):
+            t[2, 2] = volume_stress[i]
+        s.store_tensor(stress, i, t)
+
+    return kernel(element_stress)

@@ -1,0 +1,154 @@
+"""The many-body part: an energy of each element's volume change (Shilko 2-4, 7; theory B4).
+
+E_i is the divergence summed over the element's linked faces, g_i = A_i E_i = D_i m_i its volumetric
+stress in closed form, with A_i = 2 G D / (3 - D s*). Nothing is lagged, so forces are the
+derivative of U = sum V_i A_i E_i^2 / 2.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .algebra import Laws
+from .face import face
+from .memory import kernel, nn
+
+
+@cache
+def volume(s: Laws) -> Laws:
+    """Laws of the volume term."""
+    real, vec = s.real, s.vec
+
+    @wp.func
+    def stiffness(two_shear: real, coupling: real, faces: real, plane_strain: real) -> real:
+        """A = 2 G D / (3 - D s*) [Pa]; s* = s, in plane strain s + 1 (theory B4)."""
+        return two_shear * coupling / (real(3.0) - coupling * (faces + plane_strain))
+
+    @wp.func
+    def energy(v: real, a: real, dilation: real) -> real:
+        """U = V A E^2 / 2 [J]."""
+        return real(0.5) * v * a * dilation * dilation
+
+    @wp.func
+    def force(w: real, gi: real, gj: real, ci: vec, cj: vec, delta: vec):
+        """Force on i and torques on i and j of one face, derivative of both elements' energies.
+
+        f_I = g_i w c_i acts at y_j, f_J = -g_j w c_j at y_i, on both bodies (theory B2a).
+        """
+        f_own = (gi * w) * ci
+        f_other = -(gj * w) * cj
+        f = f_own + f_other
+        ti = s.cross(ci, f) + s.cross(delta, f_own)
+        tj = -s.cross(cj, f) + s.cross(delta, f_other)
+        return f, ti, tj
+
+    return Laws(stiffness=stiffness, energy=energy, force=force)
+
+
+@cache
+def face_dilation(s: Laws, k: Laws, has_unlinked: bool, simd: bool = False):
+    """Pass over bonds: each face's share of V E of its two elements (theory B4)."""
+    geometry, real = face(s, k), s.real
+
+    def face_dilation(
+        # model
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        bond_weight: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        bond_linked: wp.array(dtype=real),
+        # written
+        bond_dilation: wp.array(dtype=real),
+        first: int,
+    ):
+        b = nn(wp.tid() + first)
+        delta, ci, cj = geometry.load_opening(
+            b, bond_i, bond_j, bond_arm, displacement, orientation
+        )
+        w = bond_weight[b]
+        if wp.static(has_unlinked):
+            w = bond_linked[b] * w
+        bond_dilation[nn(2 * b)] = w * wp.dot(ci, delta)
+        bond_dilation[nn(2 * b + 1)] = -w * wp.dot(cj, delta)
+
+    return kernel(face_dilation, simd)
+
+
+@cache
+def volume_stresses(s: Laws, slots: int, simd: bool = False):
+    """Pass over elements: g_i = A_i E_i."""
+    real = s.real
+
+    def volume_stresses(
+        # model
+        incidence: wp.array(dtype=int),
+        element_volume: wp.array(dtype=real),
+        # state read
+        volume_stiffness: wp.array(dtype=real),
+        bond_dilation: wp.array(dtype=real),
+        # written
+        volume_stress: wp.array(dtype=real),
+        elements: int,
+        first: int,
+    ):
+        i = nn(wp.tid() + first)
+        e = real(0.0)
+        for slot in range(wp.static(slots)):
+            e += bond_dilation[nn(incidence[nn(slot * elements + i)])]
+        volume_stress[i] = volume_stiffness[i] * e / element_volume[i]
+
+    return kernel(volume_stresses, simd)
+
+
+@cache
+def volume_release(s: Laws, slots: int):
+    """After a break, per element: the new A_i, and the energy released to each broken face.
+
+    The element's drop V (A E^2 - A' E'^2) / 2 is shared evenly among the faces broken just now.
+    """
+    law, real = volume(s), s.real
+
+    def volume_release(
+        # model
+        listed: wp.array(dtype=int),
+        incidence: wp.array(dtype=int),
+        element_volume: wp.array(dtype=real),
+        element_two_shear: wp.array(dtype=real),
+        element_coupling: wp.array(dtype=real),
+        bond_face: wp.array(dtype=real),
+        # state read
+        bond_linked: wp.array(dtype=real),
+        break_step: wp.array(dtype=int),
+        bond_dilation: wp.array(dtype=real),
+        # written
+        volume_stiffness: wp.array(dtype=real),
+        element_release: wp.array(dtype=real),
+        plane_strain: real,
+        elements: int,
+    ):
+        i = listed[wp.tid()]
+        before = real(0.0)
+        after = real(0.0)
+        faces = real(0.0)
+        broken = real(0.0)
+        for slot in range(wp.static(slots)):
+            entry = nn(incidence[nn(slot * elements + i)])
+            b = nn(entry >> 1)
+            before += bond_dilation[entry]
+            after += bond_linked[b] * bond_dilation[entry]
+            faces += bond_linked[b] * bond_face[entry]
+            if bond_linked[b] == real(0.0) and break_step[b] == -1:
+                broken += real(1.0)
+        v = element_volume[i]
+        a = volume_stiffness[i]
+        a_after = law.stiffness(
+            element_two_shear[i], element_coupling[i], faces / v, plane_strain
+        )
+        drop = law.energy(v, a, before / v) - law.energy(v, a_after, after / v)
+        element_release[i] = drop / wp.max(broken, real(1.0))
+        volume_stiffness[i] = a_after
+
+    return kernel(volume_release)

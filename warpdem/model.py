@@ -1,0 +1,339 @@
+"""A scene as arrays: what is fixed (Model), what changes (State), what is needed (Features)."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bond import EVMBond
+from .errors import Array, InputError, first_ids
+from .scene import Body, Scene
+
+Ids = NDArray[np.int32]
+# kept in the precision of places; everything else is in the precision of forces
+PLACES = frozenset(
+    {"displacement", "orientation", "bond_arm", "evm_direction", "evm_length", "evm_offset"}
+)
+
+
+@dataclass(frozen=True)
+class Features:
+    """What a scene needs. Passes and arrays that nothing here asks for do not exist."""
+
+    dim: int
+    plane_strain: bool
+    has_volume: bool
+    has_unlinked: bool
+    has_external: bool
+    has_work: bool
+    slots: int
+
+
+@dataclass(frozen=True)
+class Group:
+    """Listed bonds of one body that break by one criterion: [first, first + count)."""
+
+    kind: str
+    ratio: float
+    first: int
+    count: int
+
+
+@dataclass
+class Model:
+    """Fixed arrays of a scene, in float64; None where no pass needs them. SI units.
+
+    Bonds are stored facet bonds first, then EVM bonds. Arrays over bonds or bond ends that elements
+    gather from end with a row for missing bonds.
+    """
+
+    features: Features
+    position: Array  # (n, dim) reference place
+    body: Ids  # (n,) index of the body
+    facet_bonds: int
+    evm_bonds: int
+    criteria: tuple[Group, ...]
+    facet_listed: int  # listed bonds that are facet bonds, stored first
+    mass: Array  # (n,)
+    inertia: Array  # (n,)
+    inverse_mass: Array  # (n, dim), 0 on held axes
+    inverse_inertia: Array  # (n,), 0 where turning is held
+    element_volume: Array  # (n,)
+    incidence: Ids  # (slots, n): 2 bond + side
+    bond_i: Ids
+    bond_j: Ids
+    bond_area: Array | None = None
+    bond_arm: Array | None = None  # (2 b + 2, dim)
+    facet_stiffness: Array | None = None  # k = 2 G S / r0
+    facet_closing_stiffness: Array | None = None  # k_c = (lambda + 2 G) S / r0
+    evm_direction: Array | None = None
+    evm_length: Array | None = None
+    evm_offset: Array | None = None
+    evm_stiffness: Array | None = None  # B1..B4
+    bond_weight: Array | None = None  # w = S / r0
+    bond_face: Array | None = None  # (2 b + 2,): S q, that s_i sums
+    element_two_shear: Array | None = None  # 2 G
+    element_coupling: Array | None = None  # D
+    external_force: Array | None = None
+    listed_bonds: Ids | None = None  # bonds that are or may become unlinked
+    listed_elements: Ids | None = None  # elements with bonds that may break
+    bond_strength: Array | None = None  # of the listed bonds
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return len(self.position)
+
+    @property
+    def bonds(self) -> int:
+        """Number of bonds."""
+        return self.facet_bonds + self.evm_bonds
+
+    def arrays(self) -> dict[str, NDArray]:
+        """The arrays that exist, by name."""
+        pairs = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return {name: value for name, value in pairs if isinstance(value, np.ndarray)}
+
+
+def state_arrays(model: Model, scene: Scene) -> dict[str, NDArray]:
+    """Arrays that change, at time zero; only those that the scene needs."""
+    f, n, b = model.features, model.elements, model.bonds
+    bodies = scene.bodies
+    spins, rot = (1, 2) if f.dim == 2 else (3, 4)
+    orientation = np.zeros((n, rot))
+    orientation[:, -1] = 1.0
+    state: dict[str, NDArray] = {
+        "displacement": np.concatenate([x.displacement for x in bodies]),
+        "orientation": orientation,
+        "velocity": np.concatenate([x.velocity for x in bodies]),
+        "angular_velocity": np.concatenate([x.angular_velocity for x in bodies]),
+        "bond_force": np.zeros((b + 1, f.dim)),
+        "bond_torque": np.zeros((2 * b + 2, spins)),
+    }
+    if f.has_work:
+        state["element_work"] = np.zeros(n)
+    linked = np.zeros(b + 1)
+    linked[:b] = np.concatenate([x.linked for x in in_bond_order(bodies)])
+    if f.has_unlinked:
+        state["bond_linked"] = linked
+    if f.has_volume:
+        state["bond_dilation"] = np.zeros(2 * b + 2)
+        state["volume_stress"] = np.zeros(n)
+        state["volume_stiffness"] = volume_stiffness(model, linked)
+    if model.criteria:
+        assert model.listed_bonds is not None
+        listed = len(model.listed_bonds)
+        break_step = np.full(b + 1, -2, dtype=np.int32)
+        break_step[:b][linked[:b] == 1.0] = -1  # -1: may break still; -2: never will
+        state["stress"] = np.zeros((n, 4 if f.dim == 2 else 6))
+        state["any_broken"] = np.zeros(1, dtype=np.int32)
+        state["break_step"] = break_step
+        for name in ("break_energy", "break_normal", "break_shear"):
+            state[name] = np.zeros(listed)
+        if f.has_volume:
+            state["element_release"] = np.zeros(n)
+    return state
+
+
+def in_bond_order(bodies: list[Body]) -> list[Body]:
+    """Bodies in the order in which their bonds are stored: facet bonds first."""
+    return sorted(bodies, key=lambda body: isinstance(body.bond, EVMBond))
+
+
+def volume_stiffness(model: Model, linked: Array) -> Array:
+    """A_i = 2 G D / (3 - D s*) [Pa] for given links (theory B4)."""
+    assert model.bond_face is not None and model.element_two_shear is not None
+    assert model.element_coupling is not None
+    face = model.bond_face * np.repeat(linked, 2)
+    s = face[model.incidence].sum(axis=0) / model.element_volume
+    d = model.element_coupling
+    return model.element_two_shear * d / (3.0 - d * (s + model.features.plane_strain))
+
+
+def build(scene: Scene) -> Model:
+    """Arrays of a scene. Raises InputError where its energy would not be positive definite."""
+    if not scene.bodies:
+        raise InputError("the scene is empty; add a body with scene.add.")
+    bodies = scene.bodies
+    packing = bodies[0].packing
+    dim = packing.dim
+    sizes = [len(b.packing) for b in bodies]
+    starts = dict(zip(map(id, bodies), np.cumsum([0, *sizes]), strict=False))
+    position = np.concatenate([b.packing.position for b in bodies])
+    n = len(position)
+    stored = in_bond_order(bodies)
+    pairs = np.concatenate([b.packing.bonds + starts[id(b)] for b in stored])
+    counts = [len(b.packing.bonds) for b in stored]
+    is_evm = [isinstance(b.bond, EVMBond) for b in stored]
+    facet_bonds = sum(c for c, e in zip(counts, is_evm, strict=True) if not e)
+    bonds = len(pairs)
+    incidence = _incidence(pairs, n)
+
+    def over_bodies(value) -> Array:
+        return np.concatenate([np.broadcast_to(value(b), len(b.packing)) for b in bodies])
+
+    volume = np.concatenate([b.packing.volume for b in bodies])
+    radius = np.concatenate([b.packing.radius for b in bodies])
+    mass = volume * over_bodies(lambda b: b.material.density)
+    inertia = (0.5 if dim == 2 else 0.4) * mass * radius**2
+    held = np.concatenate([b.held for b in bodies])
+    held_rotation = np.concatenate([b.held_rotation for b in bodies])
+    velocity = np.concatenate([b.velocity for b in bodies])
+    force = np.concatenate([b.force for b in bodies])
+    unlinked = [~b.linked | b.breakable for b in stored]
+    features = Features(
+        dim=dim,
+        plane_strain=packing.plane == "strain",
+        has_volume=any(b.has_volume for b in bodies),
+        has_unlinked=any(mask.any() for mask in unlinked),
+        has_external=bool(force.any()),
+        has_work=bool((held & (velocity != 0.0)).any()),
+        slots=len(incidence),
+    )
+    model = Model(
+        features=features,
+        position=position,
+        body=np.repeat(np.arange(len(bodies), dtype=np.int32), sizes),
+        facet_bonds=facet_bonds,
+        evm_bonds=bonds - facet_bonds,
+        criteria=(),
+        facet_listed=0,
+        mass=mass,
+        inertia=inertia,
+        inverse_mass=np.where(held, 0.0, 1.0 / mass[:, None]),
+        inverse_inertia=np.where(held_rotation, 0.0, 1.0 / inertia),
+        element_volume=volume,
+        incidence=incidence,
+        bond_i=pairs[:, 0].astype(np.int32),
+        bond_j=pairs[:, 1].astype(np.int32),
+        external_force=force if features.has_external else None,
+    )
+    _add_faces(model, stored)
+    _add_laws(model, stored)
+    if features.has_volume:
+        _add_volume(model, stored, over_bodies)
+    if features.has_unlinked:
+        _add_lists(model, stored, unlinked)
+    return model
+
+
+def _incidence(pairs: NDArray[np.int64], n: int) -> Ids:
+    """Entries 2 bond + side of every element, padded with the missing bond's, (slots, n)."""
+    ends = pairs.ravel()  # entry 2 b + side is position 2 b + side
+    order = np.argsort(ends, kind="stable")
+    degree = np.bincount(ends, minlength=n)
+    slots = int(degree.max(initial=0))
+    table = np.full((max(slots, 1), n), 2 * len(pairs), dtype=np.int32)
+    slot = np.arange(len(ends)) - np.repeat(np.cumsum(degree) - degree, degree)
+    table[slot, ends[order]] = order
+    return table
+
+
+def _add_faces(model: Model, stored: list[Body]) -> None:
+    """Arms and areas, if any body has faces that a pass uses."""
+    facets = [b.packing for b in stored if b.packing.area is not None]
+    if not facets:
+        return
+    dim, bonds = model.features.dim, model.bonds
+    area = np.ones(bonds)  # a bond without faces is never divided by
+    arm = np.zeros((bonds + 1, 2, dim))
+    at = 0
+    for body in stored:
+        p = body.packing
+        here = slice(at, at := at + len(p.bonds))
+        if p.area is not None and p.arms is not None:
+            area[here], arm[here] = p.area, p.arms
+    model.bond_area = area
+    model.bond_arm = arm.reshape(-1, dim)
+
+
+def _add_laws(model: Model, stored: list[Body]) -> None:
+    facet = [b for b in stored if not isinstance(b.bond, EVMBond)]
+    if facet:
+        weight = [b.packing.area / b.packing.bond_length for b in facet]  # type: ignore[operator]
+        two_shear = [2.0 * b.material.shear_modulus for b in facet]
+        model.facet_stiffness = np.concatenate(
+            [g * w for g, w in zip(two_shear, weight, strict=True)]
+        )
+        if model.features.has_unlinked:
+            closing = [g + b.material.lame(b.packing.plane) for g, b in zip(two_shear, facet, strict=True)]
+            model.facet_closing_stiffness = np.concatenate(
+                [g * w for g, w in zip(closing, weight, strict=True)]
+            )
+    direction, length, offset, stiffness = [], [], [], []
+    for body in stored:
+        if isinstance(body.bond, EVMBond):
+            r0 = body.packing.bond_length
+            ends = body.bond.ends(len(r0))
+            a = r0 - ends.sum(axis=1)
+            if (a <= 0.0).any():
+                raise InputError(
+                    f"bonds {first_ids(a <= 0.0)}: the offsets R_i + R_j leave no length between "
+                    "the ends of the bond; they must be less than the centres' distance."
+                )
+            direction.append(body.packing.bond_vector / r0[:, None])
+            length.append(a)
+            offset.append(ends)
+            stiffness.append(body.bond.parameters(a))
+    if direction:
+        model.evm_direction = np.concatenate(direction)
+        model.evm_length = np.concatenate(length)
+        model.evm_offset = np.concatenate(offset)
+        model.evm_stiffness = np.concatenate(stiffness)
+
+
+def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:
+    assert model.bond_area is not None and model.bond_arm is not None
+    r0 = np.concatenate([b.packing.bond_length for b in stored])
+    acts = np.concatenate([np.full(len(b.packing.bonds), b.has_volume) for b in stored])
+    model.bond_weight = np.where(acts, model.bond_area / r0, 0.0)
+    arm = model.bond_arm[:-2].reshape(-1, 2, model.features.dim)
+    x = arm[:, 0] - arm[:, 1]
+    q = np.einsum("bsk,bk->bs", arm, x) * [1.0, -1.0] / r0[:, None]
+    face = np.zeros(2 * model.bonds + 2)
+    face[:-2] = (np.where(acts, model.bond_area, 0.0)[:, None] * q).ravel()
+    model.bond_face = face
+    model.element_two_shear = over_bodies(lambda b: 2.0 * b.material.shear_modulus)
+    model.element_coupling = over_bodies(lambda b: b.material.coupling if b.has_volume else 0.0)
+    if (model.element_coupling < 0.0).any():
+        reach = np.zeros(2 * model.bonds + 2)
+        c2 = (arm**2).sum(axis=2)
+        reach[:-2] = (np.where(acts, model.bond_area, 0.0)[:, None] * c2 / q).ravel()
+        reach_i = reach[model.incidence].sum(axis=0) / model.element_volume
+        a = volume_stiffness(model, np.append(np.ones(model.bonds), 0.0))
+        bad = (model.element_coupling < 0.0) & (-a * reach_i > model.element_two_shear)
+        if bad.any():
+            raise InputError(
+                f"elements {first_ids(bad)}: with a negative Poisson's ratio the energy of these "
+                "cells is not positive definite (|A| sum S |c|^2/q > 2 G V); relax the packing "
+                "towards centroidal cells or raise Poisson's ratio."
+            )
+
+
+def _add_lists(model: Model, stored: list[Body], unlinked: list[NDArray[np.bool_]]) -> None:
+    listed: list[NDArray[np.int64]] = []
+    strength: list[Array] = []
+    groups: list[Group] = []
+    at = first = 0
+    for body, mask in zip(stored, unlinked, strict=True):
+        breakable = np.flatnonzero(body.breakable)
+        cut = np.flatnonzero(mask & ~body.breakable)
+        if body.fracture is not None and len(breakable):
+            criterion = body.fracture
+            groups.append(Group(criterion.kind, criterion.ratio, first, len(breakable)))
+            strength.append(criterion.strength * body.strength_factor[breakable])
+        else:
+            strength.append(np.zeros(len(breakable)))
+        strength.append(np.full(len(cut), np.inf))
+        listed += [breakable + at, cut + at]
+        first += len(breakable) + len(cut)
+        at += len(mask)
+        if not isinstance(body.bond, EVMBond):
+            model.facet_listed = first
+    model.listed_bonds = np.concatenate(listed).astype(np.int32)
+    if groups:
+        model.criteria = tuple(groups)
+        model.bond_strength = np.concatenate(strength)
+        breaking = model.listed_bonds[np.isfinite(model.bond_strength)]
+        touched = np.concatenate([model.bond_i[breaking], model.bond_j[breaking]])
+        model.listed_elements = np.unique(touched).astype(np.int32)

@@ -1,0 +1,245 @@
+"""What the user says: bodies and how their elements are bonded, cut, held, strained and loaded."""
+
+from dataclasses import dataclass, field
+from math import isnan
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .bond import EVMBond
+from .criteria import Criterion
+from .errors import Array, InputError, finite, first_ids
+from .material import Material
+from .packing import Mask, Packing
+
+
+@dataclass(eq=False)
+class Body:
+    """One packing of one material in a scene, with what was said about it. Made by `Scene.add`."""
+
+    packing: Packing
+    material: Material
+    bond: str | EVMBond
+    fracture: Criterion | None
+    has_volume: bool
+    linked: Mask = field(init=False)
+    strength_factor: Array = field(init=False)
+    displacement: Array = field(init=False)
+    velocity: Array = field(init=False)
+    angular_velocity: Array = field(init=False)
+    force: Array = field(init=False)
+    held: Mask = field(init=False)
+    held_rotation: Mask = field(init=False)
+
+    def __post_init__(self) -> None:
+        n, dim = self.packing.position.shape
+        bonds = len(self.packing.bonds)
+        self.linked = np.ones(bonds, dtype=bool)
+        self.strength_factor = np.ones(bonds)
+        self.displacement = np.zeros((n, dim))
+        self.velocity = np.zeros((n, dim))
+        self.angular_velocity = np.zeros((n, 1 if dim == 2 else 3))
+        self.force = np.zeros((n, dim))
+        self.held = np.zeros((n, dim), dtype=bool)
+        self.held_rotation = np.zeros(n, dtype=bool)
+
+    @property
+    def breakable(self) -> Mask:
+        """Bonds that may break, (b,)."""
+        if self.fracture is None:
+            return np.zeros(len(self.linked), dtype=bool)
+        return self.linked & np.isfinite(self.strength_factor)
+
+
+class Scene:
+    """Bodies and loads, from which a Simulation is made."""
+
+    def __init__(self) -> None:
+        self.bodies: list[Body] = []
+
+    def add(
+        self,
+        packing: Packing,
+        material: Material,
+        bond: str | EVMBond = "facet",
+        fracture: Criterion | None = None,
+        volume: bool | None = None,
+    ) -> Body:
+        """Add a body.
+
+        bond: "facet" (the pair part of the second paper; needs a packing with faces) or an EVMBond.
+        fracture: the criterion by which its bonds break; None: none ever breaks.
+        volume: whether the many-body volume term acts; by default where facet bonds need it
+        (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
+        """
+        if not isinstance(packing, Packing) or not isinstance(material, Material):
+            raise InputError("scene.add takes a Packing and a Material.")
+        faces = packing.area is not None
+        if isinstance(bond, EVMBond):
+            has_volume = bool(volume)
+        elif bond == "facet":
+            if not faces:
+                raise InputError("facet bonds need a packing with faces; this one has none.")
+            has_volume = material.poisson != 0.0 if volume is None else volume
+            has_volume = has_volume and material.poisson != 0.0
+        else:
+            raise InputError(f"bond is {bond!r}; give 'facet' or an EVMBond.")
+        if not faces and (has_volume or fracture is not None):
+            raise InputError("the volume term and fracture criteria need a packing with faces.")
+        if len(packing.bonds) == 0 and len(packing) > 1:
+            raise InputError("the packing has no bonds; its elements would fly apart unbound.")
+        for other in self.bodies:
+            if (other.packing.dim, other.packing.plane) != (packing.dim, packing.plane):
+                raise InputError(
+                    "all bodies of a scene share the dimension and the plane state: one is "
+                    f"{_space(other.packing)}, this one is {_space(packing)}."
+                )
+        body = Body(packing, material, bond, fracture, has_volume)
+        self.bodies.append(body)
+        return body
+
+    def cut(
+        self, body: Body, start: ArrayLike, end: ArrayLike, depth: ArrayLike | None = None
+    ) -> NDArray[np.int64]:
+        """Unlink the bonds that cross a segment [m] (see `Packing.crossing`); return their ids."""
+        ids = self._crossing(body, start, end, depth)
+        body.linked[ids] = False
+        return ids
+
+    def set_strength(
+        self,
+        body: Body,
+        factor: float,
+        start: ArrayLike | None = None,
+        end: ArrayLike | None = None,
+        depth: ArrayLike | None = None,
+    ) -> None:
+        """Set the strength of bonds to `factor` times the criterion's.
+
+        Of the bonds that cross the segment from start to end [m], or of the whole body. A factor of
+        infinity makes them unbreakable, and no time is spent on testing them.
+        """
+        self._own(body)
+        if isnan(factor) or factor <= 0.0:
+            raise InputError(f"the strength factor is {factor}; it must be greater than zero.")
+        if body.fracture is None:
+            raise InputError("this body has no fracture criterion to scale; give one to scene.add.")
+        if (start is None) != (end is None):
+            raise InputError("give both start and end of the segment, or neither.")
+        if start is None or end is None:
+            body.strength_factor[:] = factor
+        else:
+            body.strength_factor[self._crossing(body, start, end, depth)] = factor
+
+    def strain(self, body: Body, strain: ArrayLike, origin: ArrayLike | None = None) -> None:
+        """Start the body from a uniform strain: displacement = strain . (position - origin).
+
+        strain: symmetric, shape (dim, dim), a small strain; origin [m]: the point that stays, by
+        default the body's centre.
+        """
+        self._own(body)
+        x = body.packing.position
+        e = finite("strain", strain, (body.packing.dim,) * 2)
+        if np.abs(e - e.T).max() > 1e-12 * np.abs(e).max():
+            raise InputError("strain must be symmetric: a rotation would leave elements behind.")
+        low, high = x.min(axis=0), x.max(axis=0)
+        centre = 0.5 * (low + high) if origin is None else finite("origin", origin, (x.shape[1],))
+        body.displacement[:] = (x - centre) @ e
+
+    def hold(
+        self,
+        body: Body,
+        where: ArrayLike,
+        velocity: ArrayLike | None = None,
+        axes: str | None = None,
+        rotation: bool = True,
+    ) -> None:
+        """Grip elements: they keep still, or move at a constant velocity [m/s].
+
+        where: mask or ids; axes: which of "xyz" are held (default: all); rotation: whether turning
+        is held as well.
+        """
+        ids = self._selected(body, where)
+        dim = body.packing.dim
+        names = "xyz"[:dim]
+        chosen = names if axes is None else axes
+        if not chosen or set(chosen) - set(names):
+            raise InputError(f"axes is {axes!r}; choose from {names!r}.")
+        v = np.zeros(dim) if velocity is None else finite("velocity", velocity, (dim,))
+        for axis in (names.index(c) for c in chosen):
+            body.held[ids, axis] = True
+            body.velocity[ids, axis] = v[axis]
+        if rotation:
+            body.held_rotation[ids] = True
+            body.angular_velocity[ids] = 0.0
+
+    def pull(self, body: Body, where: ArrayLike, traction: ArrayLike) -> None:
+        """Load a side with a constant traction [Pa], shape (dim,), a dead load.
+
+        It acts on the free surface of the chosen elements, projected on their common side.
+        """
+        ids = self._selected(body, where)
+        t = finite("traction", traction, (body.packing.dim,))
+        exposed = body.packing.exposed_area[ids]
+        total = exposed.sum(axis=0)
+        size = np.linalg.norm(total)
+        if not size > 1e-9 * np.linalg.norm(exposed, axis=1).sum():
+            raise InputError("the chosen elements have no free surface on one side to pull at.")
+        body.force[ids] += np.maximum(exposed @ (total / size), 0.0)[:, None] * t
+
+    def set_velocity(
+        self,
+        body: Body,
+        velocity: ArrayLike,
+        angular_velocity: ArrayLike | None = None,
+        where: ArrayLike | None = None,
+    ) -> None:
+        """Initial velocity [m/s], (dim,) or (n, dim), and spin [rad/s], (1 or 3,) or one a row."""
+        ids = np.arange(len(body.packing)) if where is None else self._selected(body, where)
+        for name, value, target in (
+            ("velocity", velocity, body.velocity),
+            ("angular_velocity", angular_velocity, body.angular_velocity),
+        ):
+            if value is not None:
+                v = finite(name, value)
+                try:
+                    target[ids] = np.broadcast_to(v, (len(ids), target.shape[1]))
+                except ValueError:
+                    raise InputError(
+                        f"{name} has shape {v.shape}; give ({target.shape[1]},) or "
+                        f"({len(ids)}, {target.shape[1]})."
+                    ) from None
+
+    def _own(self, body: Body) -> None:
+        if not any(body is mine for mine in self.bodies):
+            raise InputError("this body is not in the scene; use what scene.add returned.")
+
+    def _crossing(
+        self, body: Body, start: ArrayLike, end: ArrayLike, depth: ArrayLike | None
+    ) -> NDArray[np.int64]:
+        self._own(body)
+        ids = body.packing.crossing(start, end, depth)
+        if len(ids) == 0:
+            raise InputError(f"no bond crosses the segment from {start} to {end}.")
+        return ids
+
+    def _selected(self, body: Body, where: ArrayLike) -> NDArray[np.int64]:
+        self._own(body)
+        n = len(body.packing)
+        chosen = np.atleast_1d(np.asarray(where))
+        if chosen.dtype == bool:
+            if chosen.shape != (n,):
+                raise InputError(f"the mask has shape {chosen.shape}; give one of shape ({n},).")
+            chosen = np.flatnonzero(chosen)
+        elif chosen.size and chosen.dtype.kind not in "iu":
+            raise InputError("where must be a mask or integer ids of elements.")
+        if chosen.size == 0:
+            raise InputError("the selection is empty; choose at least one element.")
+        bad = (chosen < 0) | (chosen >= n)
+        if bad.any():
+            raise InputError(f"selected ids {first_ids(bad)} lie outside 0..{n - 1}.")
+        return chosen.astype(np.int64)
+
+
+def _space(packing: Packing) -> str:
+    return "in space" if packing.dim == 3 else f"in plane {packing.plane}"

@@ -1,0 +1,361 @@
+"""A scene in motion: stable time step, runs, observers, guards."""
+
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
+from .model import build, state_arrays
+from .scene import Body, Scene
+from .stability import gathered, largest_frequency
+from .step import PRECISIONS, Step
+
+SAFETY = 0.8  # share of the stability limit taken by default
+GUARD_EVERY = 100  # steps between checks for non-finite numbers
+
+
+class Observer(Protocol):
+    """Reads a simulation every so many steps; never touches it."""
+
+    every: int
+
+    def observe(self, sim: "Simulation") -> None:
+        """Called at the start, then every `every` steps, velocities and places at one time."""
+
+    def finish(self, sim: "Simulation") -> None:
+        """Called at the end of every run."""
+
+
+class Simulation:
+    """A scene in motion under velocity Verlet (theory A10, B13).
+
+    device: "cpu" or "cuda" (as Warp names them); precision: "float64", "float32" or "mixed" (places
+    in float64, forces in float32); dt [s]: by default 0.8 of the stability limit, found by
+    iteration on the scene itself; a larger one than the limit is refused unless `force_dt`.
+    simd: vectorise the CPU's loops where this Warp allows it.
+
+    Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        device: str = "cpu",
+        precision: str = "float64",
+        dt: float | None = None,
+        force_dt: bool = False,
+        simd: bool = True,
+    ) -> None:
+        one_of("precision", precision, PRECISIONS)
+        if dt is not None and not finite("dt", dt, ()) > 0.0:
+            raise InputError(f"dt is {dt:g} s; it must be greater than zero.")
+        self.device = _device(device)
+        self.precision, self.scene = precision, scene
+        self.model = build(scene)
+        starts = np.cumsum([0, *(len(b.packing) for b in scene.bodies)])
+        self._elements = {id(b): slice(*ab) for b, *ab in zip(scene.bodies, starts, starts[1:], strict=False)}
+        state = state_arrays(self.model, scene)
+        step = Step(self.model, state, 1.0, precision, self.device, simd)
+        frequency = largest_frequency(step, max(b.packing.spacing for b in scene.bodies))
+        self.dt_limit = 2.0 / frequency if frequency > 0.0 else np.inf
+        if dt is None:
+            if not np.isfinite(self.dt_limit):
+                raise InputError("nothing in this scene vibrates, so dt has no default; give dt.")
+            dt = SAFETY * self.dt_limit
+        elif dt > self.dt_limit and not force_dt:
+            raise InputError(
+                f"dt is {dt:.4g} s, above the stability limit {self.dt_limit:.4g} s; give a "
+                "smaller one, leave it out, or pass force_dt=True to go on regardless."
+            )
+        self.dt = float(dt)
+        self._step = Step(self.model, state, self.dt, precision, self.device, simd)
+        self._step.evaluate_forces()
+        self._observers: list[Observer] = []
+        self._observed: dict[int, int] = {}
+        self._stopped = False
+        self.seconds = 0.0
+        self._initial_energy: float | None = None
+        self.initial_energies = self._measure()
+
+    # -- running ----------------------------------------------------------------------------------
+
+    def observe(self, observer: Observer) -> Observer:
+        """Hand over an observer, called from now on; returns it."""
+        if observer.every < 1:
+            raise InputError(f"every is {observer.every}; observe every 1 or more steps.")
+        self._observers.append(observer)
+        return observer
+
+    def run(self, until: float | None = None, steps: int | None = None) -> None:
+        """Run until a time [s] or for a number of steps, or until an observer calls `stop`.
+
+        Raises NonFiniteError naming element, step and dt if numbers stop being finite; nothing
+        non-finite reaches an observer.
+        """
+        if (until is None) == (steps is None):
+            raise InputError("give either until (a time in seconds) or steps.")
+        if until is not None:
+            steps = max(0, round((float(finite("until", until, ())) - self.time) / self.dt))
+        assert steps is not None
+        if steps < 0:
+            raise InputError(f"steps is {steps}; it must not be negative.")
+        end = self._step.count + steps
+        self._stopped = False
+        self._call_observers()
+        while self._step.count < end and not self._stopped:
+            target = min([end, *(self._next_call(o) for o in self._observers)])
+            target = min(target, self._step.count + GUARD_EVERY)
+            began = time.perf_counter()
+            while self._step.count < target:
+                self._step.advance()
+            wp.synchronize_device(self.device)
+            self.seconds += time.perf_counter() - began
+            self._step.synchronise()
+            self._guard()
+            self._call_observers()
+        for observer in self._observers:
+            observer.finish(self)
+
+    def stop(self) -> None:
+        """End the run after the current call of observers."""
+        self._stopped = True
+
+    @property
+    def steps(self) -> int:
+        """Steps made so far."""
+        return self._step.count
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._step.count * self.dt
+
+    @property
+    def rate(self) -> float:
+        """Element-steps a second so far, observers not counted."""
+        return self.steps * self.model.elements / self.seconds if self.seconds else 0.0
+
+    @property
+    def bytes(self) -> int:
+        """Device memory in use [B]."""
+        return self._step.bytes
+
+    def seconds_per_step(self) -> float:
+        """Wall time of one step [s], estimated from the force passes of this scene."""
+        samples = []
+        for _ in range(5):
+            began = time.perf_counter()
+            self._step.evaluate_forces()
+            wp.synchronize_device(self.device)
+            samples.append(time.perf_counter() - began)
+        return 1.5 * float(np.median(samples))  # motion takes about half as long as the forces
+
+    # -- reading ----------------------------------------------------------------------------------
+
+    @property
+    def displacement(self) -> Array:
+        """Displacement of every element from its reference place [m], (n, dim)."""
+        return self._step.download("displacement").astype(np.float64)
+
+    @property
+    def position(self) -> Array:
+        """Place of every element [m], (n, dim)."""
+        return self.model.position + self.displacement
+
+    @property
+    def orientation(self) -> Array:
+        """Turn since the reference state: quaternion (x, y, z, w), in the plane (sin, cos) of half
+        the angle, (n, 4) or (n, 2)."""
+        return self._step.download("orientation").astype(np.float64)
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity [m/s], (n, dim)."""
+        return self._step.download("velocity").astype(np.float64)
+
+    @property
+    def angular_velocity(self) -> Array:
+        """Angular velocity in the world frame [rad/s], (n, 1) in the plane or (n, 3)."""
+        return self._step.download("angular_velocity").astype(np.float64)
+
+    @property
+    def stress(self) -> Array:
+        """Average stress of every element [Pa], (n, 3, 3), tension positive; zero without faces."""
+        return stress_tensor(self._step.evaluate_stress())
+
+    @property
+    def force(self) -> Array:
+        """Force of the bonds on every element [N], (n, dim)."""
+        return gathered(self._step)[0]
+
+    @property
+    def torque(self) -> Array:
+        """Torque of the bonds on every element [N m], (n, 1) in the plane or (n, 3)."""
+        return gathered(self._step)[1]
+
+    @property
+    def bond_force(self) -> Array:
+        """Force of every bond on its first element [N], (b, dim)."""
+        return self._step.download("bond_force")[:-1].astype(np.float64)
+
+    @property
+    def bonds(self) -> NDArray[np.int64]:
+        """Element ids of every bond, (b, 2)."""
+        return np.stack([self.model.bond_i, self.model.bond_j], axis=1).astype(np.int64)
+
+    @property
+    def linked(self) -> NDArray[np.bool_]:
+        """Whether each bond is linked, (b,)."""
+        if not self.model.features.has_unlinked:
+            return np.ones(self.model.bonds, dtype=bool)
+        return self._step.download("bond_linked")[:-1] == 1.0
+
+    @property
+    def damage(self) -> Array:
+        """Share of each element's bonds that are unlinked, (n,)."""
+        n, bonds = self.model.elements, self.bonds
+        broken = np.bincount(bonds[~self.linked].ravel(), minlength=n)
+        return broken / np.maximum(np.bincount(bonds.ravel(), minlength=n), 1)
+
+    def elements(self, body: Body) -> slice:
+        """The elements of a body among those of the simulation."""
+        return self._elements[id(body)]
+
+    def broken_bonds(self) -> NDArray[np.void]:
+        """Log of broken bonds in order of time, a structured array with the fields
+
+        bond, i, j, step, time [s], x, y, z [m] (reference place of the face), normal_stress and
+        shear_stress [Pa] at the break, mode ("normal" or "shear", whichever is greater) and
+        released_energy [J] (of the bond and of both elements; may be slightly negative).
+        """
+        kinds = [("bond", int), ("i", int), ("j", int), ("step", int), ("time", float)]
+        kinds += [("x", float), ("y", float), ("z", float), ("normal_stress", float)]
+        kinds += [("shear_stress", float), ("mode", "U6"), ("released_energy", float)]
+        m = self.model
+        if not m.criteria or m.listed_bonds is None or m.bond_arm is None:
+            return np.zeros(0, dtype=kinds)
+        step = self._step.download("break_step")[m.listed_bonds]
+        rows = np.flatnonzero(step >= 0)
+        rows = rows[np.lexsort((m.listed_bonds[rows], step[rows]))]
+        bond = m.listed_bonds[rows]
+        log = np.zeros(len(rows), dtype=kinds)
+        log["bond"], log["i"], log["j"] = bond, m.bond_i[bond], m.bond_j[bond]
+        log["step"], log["time"] = step[rows], step[rows] * self.dt
+        place = m.position[m.bond_i[bond]] + m.bond_arm[2 * bond]
+        for axis, name in zip(range(m.features.dim), "xyz", strict=False):
+            log[name] = place[:, axis]
+        log["normal_stress"] = self._step.download("break_normal")[rows]
+        log["shear_stress"] = self._step.download("break_shear")[rows]
+        log["mode"] = np.where(log["normal_stress"] >= log["shear_stress"], "normal", "shear")
+        log["released_energy"] = self._step.download("break_energy")[rows]
+        return log
+
+    def energy(self) -> dict[str, float]:
+        """The energy ledger [J].
+
+        kinetic, pair, volume: held now; fracture: released by breaking bonds; work: done by moving
+        grips and tractions; integrator: velocity Verlet's own term (theory B13), its jumps at
+        breaking bonds included; residual: what is missing from their balance.
+        """
+        ledger = self._measure()
+        before = sum(self.initial_energies[k] for k in ("kinetic", "pair", "volume", "integrator"))
+        now = sum(ledger[k] for k in ("kinetic", "pair", "volume", "integrator", "fracture"))
+        ledger["residual"] = now - before - (ledger["work"] - self.initial_energies["work"])
+        return ledger
+
+    @property
+    def energy_error(self) -> float:
+        """Residual of the energy ledger over the greatest of its entries."""
+        ledger = self.energy()
+        size = max(
+            [abs(v) for k, v in ledger.items() if k != "residual"]
+            + [self.initial_energies["pair"] + self.initial_energies["volume"]]
+        )
+        return ledger["residual"] / size if size > 0.0 else 0.0
+
+    def set_state(self, **arrays: ArrayLike) -> None:
+        """Overwrite displacement, orientation, velocity or angular_velocity of all elements.
+
+        Orientations must be of unit length. The energy ledger starts anew.
+        """
+        self._step.synchronise()
+        for name, value in arrays.items():
+            one_of(
+                "state", name, ("displacement", "orientation", "velocity", "angular_velocity")
+            )
+            shape = self._step.download(name).shape
+            a = finite(name, value, shape)
+            if name == "orientation":
+                bad = np.abs(np.linalg.norm(a, axis=1) - 1.0) > 1e-6
+                if bad.any():
+                    raise InputError(f"orientation is not of unit length at {first_ids(bad)}.")
+            self._step.upload(name, a)
+        self._step.evaluate_forces()
+        self.initial_energies = self._measure()
+
+    # -- within -----------------------------------------------------------------------------------
+
+    def _measure(self) -> dict[str, float]:
+        ledger = self._step.energies()
+        ledger["integrator"] += self._step.integrator_released
+        features = self.model.features
+        ledger["fracture"] = 0.0
+        if self.model.criteria:
+            ledger["fracture"] = float(self._step.download("break_energy").sum(dtype=np.float64))
+        ledger["work"] = 0.0
+        if features.has_work:
+            ledger["work"] += float(self._step.download("element_work").sum(dtype=np.float64))
+        if features.has_external:
+            ledger["work"] += float((self.model.external_force * self.displacement).sum())
+        return ledger
+
+    def _next_call(self, observer: Observer) -> int:
+        return (self._step.count // observer.every + 1) * observer.every
+
+    def _call_observers(self) -> None:
+        for observer in self._observers:
+            due = self._step.count % observer.every == 0
+            if due and self._observed.get(id(observer)) != self._step.count:
+                self._observed[id(observer)] = self._step.count
+                observer.observe(self)
+
+    def _guard(self) -> None:
+        for name in ("displacement", "velocity", "angular_velocity", "orientation"):
+            bad = ~np.isfinite(self._step.download(name)).all(axis=1)
+            if bad.any():
+                raise NonFiniteError(
+                    f"{name} of elements {first_ids(bad)} is not finite at step "
+                    f"{self._step.count} (time {self.time:.4g} s, dt {self.dt:.4g} s, limit "
+                    f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
+                )
+
+
+def stress_tensor(columns: ArrayLike) -> Array:
+    """Full tensors (n, 3, 3) from the columns that Step.evaluate_stress returns."""
+    c = np.asarray(columns, dtype=np.float64)
+    t = np.zeros((len(c), 3, 3))
+    if c.shape[1] == 4:
+        t[:, 0, 0], t[:, 1, 1], t[:, 2, 2] = c[:, 0], c[:, 1], c[:, 3]
+        t[:, 0, 1] = t[:, 1, 0] = c[:, 2]
+    else:
+        for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))):
+            t[:, i, j] = t[:, j, i] = c[:, column]
+    return t
+
+
+def _device(name: str) -> str:
+    wp.config.quiet = True
+    wp.init()
+    names = [str(d) for d in wp.get_devices()]
+    if name == "cuda" and any(n.startswith("cuda") for n in names):
+        return "cuda:0"
+    if name not in names:
+        raise InputError(f"device is {name!r}; this machine has {', '.join(names)}.")
+    return name
+
+
+ProgressCallback = Callable[[float], None]
