@@ -78,6 +78,9 @@ class Model:
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
     listed_elements: Ids | None = None  # elements with bonds that may break
     bond_strength: Array | None = None  # of the listed bonds
+    near_bonds: Ids | None = None  # all bonds of the listed elements
+    near_elements: Ids | None = None  # all elements of the near bonds
+    near_facets: int = 0  # near bonds that are facet bonds, stored first
 
     @property
     def elements(self) -> int:
@@ -337,3 +340,8 @@ def _add_lists(model: Model, stored: list[Body], unlinked: list[NDArray[np.bool_
         breaking = model.listed_bonds[np.isfinite(model.bond_strength)]
         touched = np.concatenate([model.bond_i[breaking], model.bond_j[breaking]])
         model.listed_elements = np.unique(touched).astype(np.int32)
+        near = np.unique(model.incidence[:, model.listed_elements] >> 1)
+        model.near_bonds = near[near < model.bonds].astype(np.int32)
+        model.near_facets = int((model.near_bonds < model.facet_bonds).sum())
+        both = np.stack([model.bond_i, model.bond_j])[:, model.near_bonds]
+        model.near_elements = np.unique(both).astype(np.int32)

@@ -301,7 +301,6 @@ class Simulation:
 
     def _measure(self) -> dict[str, float]:
         ledger = self._step.energies()
-        ledger["integrator"] += self._step.integrator_released
         features = self.model.features
         ledger["fracture"] = 0.0
         if self.model.criteria:

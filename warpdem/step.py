@@ -10,7 +10,7 @@ from .kernels.algebra import space
 from .kernels.evm import evm_closing, evm_energies, evm_forces
 from .kernels.facet import facet_closing, facet_energies, facet_forces
 from .kernels.fracture import break_bonds, log_breaks
-from .kernels.motion import element_energies, move
+from .kernels.motion import element_energies, integrator_energies, move
 from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
@@ -50,7 +50,10 @@ class Step:
         for name, value in (model.arrays() | state).items():
             if name != "position" and name != "body":
                 self.upload(name, value)
-        self._bind_passes(simd)
+        self._simd = simd
+        self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
+        self._energies: list[wp.Launch] = []
+        self._bind_step()
         self._broken = self.arrays["any_broken"].numpy() if model.criteria else np.zeros(1)
 
     # -- the outline ------------------------------------------------------------------------------
@@ -65,12 +68,27 @@ class Step:
             for a_pass in self._fracture:
                 a_pass.launch()
             if self._any_broken():
-                self._break_now()
+                self.break_bonds()
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
         for a_pass in self._forces:
             a_pass.launch()
+
+    def break_bonds(self) -> None:
+        """Account for the bonds that broke at this instant, and go on without them.
+
+        Only their neighbourhood is touched. Its finishing half kick is made with the old forces
+        and, so that it can be made again later, unmade with the new ones.
+        """
+        before = self._near_integrator_energy()
+        for a_pass in self._break:
+            a_pass.launch()
+        self._log.set_param_by_name("step", self.count)
+        self._log.launch()
+        for a_pass in self._mend:
+            a_pass.launch()
+        self.integrator_released += before - self._near_integrator_energy()
 
     def synchronise(self) -> None:
         """Bring velocities to the time of the places."""
@@ -93,16 +111,25 @@ class Step:
         return self.download("stress").astype(np.float64)
 
     def energies(self) -> dict[str, float]:
-        """Kinetic, pair, volume energy and the integrator's own term [J], summed in float64.
+        """Kinetic, pair and volume energy and the integrator's own term [J], summed in float64.
 
         Call `synchronise` first.
         """
-        self._measure_elements()
-        pair = self._pair_energies()
-        total = {"kinetic": self._sum("kinetic_energy"), "pair": float(pair.sum())}
-        total["volume"] = self._sum("volume_energy") if self.model.features.has_volume else 0.0
-        total["integrator"] = self._sum("integrator_energy")
-        return total
+        if not self._energies:
+            self._bind_energies()
+        for a_pass in self._energies:
+            a_pass.launch()
+        f, bonds = self.model.features, self.model.bonds
+        pair = self.arrays["linked_energy"].numpy()
+        if f.has_unlinked:
+            linked = self.arrays["bond_linked"].numpy()[:bonds] == 1.0
+            pair = np.where(linked, pair, self.arrays["unlinked_energy"].numpy())
+        return {
+            "kinetic": self._sum("kinetic_energy"),
+            "pair": float(pair.sum(dtype=np.float64)),
+            "volume": self._sum("volume_energy") if f.has_volume else 0.0,
+            "integrator": self._sum("integrator_energy") + self.integrator_released,
+        }
 
     # -- arrays -----------------------------------------------------------------------------------
 
@@ -130,59 +157,14 @@ class Step:
 
     # -- passes -----------------------------------------------------------------------------------
 
-    def _bind_passes(self, simd: bool) -> None:
-        m, f = self.model, self.model.features
-        s, k = space(f.dim, self.real), space(f.dim, self.place)
-        n, evm = m.elements, {"first": m.facet_bonds, "first_evm": m.facet_bonds}
-        links = () if f.has_unlinked else ("bond_linked",)
-        volumes = () if f.has_volume else ("volume_stress",)
-        weights = () if f.has_volume else ("bond_weight",)
-
-        self._forces = []
-        if f.has_volume:
-            dilation = face_dilation(s, k, f.has_unlinked, simd)
-            gather = volume_stresses(s, f.slots, simd)
-            self._forces += [
-                self._bind(dilation, m.bonds, links, first=0),
-                self._bind(gather, n, elements=n, first=0),
-            ]
-        if m.facet_bonds:
-            law = facet_forces(s, k, f.has_volume, f.has_unlinked, simd)
-            unused = (*links, *volumes, *weights)
-            self._forces.append(self._bind(law, m.facet_bonds, unused, first=0))
-        if m.evm_bonds:
-            law = evm_forces(s, k, f.has_volume, f.has_unlinked, simd)
-            unused = (*links, *volumes, *weights, *(() if f.has_volume else ("bond_arm",)))
-            self._forces.append(self._bind(law, m.evm_bonds, unused, **evm))
-        if m.listed_bonds is not None:
-            listed = {"listed": self.arrays["listed_bonds"]}
-            if m.facet_listed:
-                law = facet_closing(s, k)
-                self._forces.append(self._bind(law, m.facet_listed, **listed, first=0))
-            evm_listed = len(m.listed_bonds) - m.facet_listed
-            if evm_listed:
-                law = evm_closing(s, k)
-                at = listed | evm | {"first": m.facet_listed}
-                self._forces.append(self._bind(law, evm_listed, **at))
-
+    def _bind_step(self) -> None:
         half = 0.5 * self.dt
-        moves = {
-            drifts: move(s, k, f.slots, f.has_external, f.has_work, drifts, simd)
-            for drifts in (True, False)
-        }
-        absent = () if f.has_external else ("external_force",)
-        absent += () if f.has_work else ("element_work",)
-
-        def bind_move(finish: float, start: float, drifts: bool) -> wp.Launch:
-            numbers = {"finish": finish, "start": start, "dt": self.dt, "elements": n, "first": 0}
-            return self._bind(moves[drifts], n, absent, **numbers)
-
-        self._start = bind_move(0.0, half, True)
-        self._finish_and_start = bind_move(half, half, True)
-        self._finish = bind_move(half, 0.0, False)
-        self._space = s, k
-        self._fracture = []
-        if m.criteria:
+        self._forces = self._force_passes()
+        self._start = self._move(0.0, half, drifts=True)
+        self._finish_and_start = self._move(half, half, drifts=True)
+        self._finish = self._move(half, 0.0)
+        self._fracture: list[wp.Launch] = []
+        if self.model.criteria:
             self._bind_fracture()
 
     def _bind_fracture(self) -> None:
@@ -190,38 +172,152 @@ class Step:
         listed = self.arrays["listed_bonds"]
         self._fracture = [self._stress("listed_elements")]
         for group in m.criteria:
-            test = break_bonds(s, k, group.kind)
-            numbers = {"ratio": group.ratio, "first": group.first, "listed": listed}
-            self._fracture.append(self._bind(test, group.count, **numbers))
-        self._release = None
+            test = break_bonds(s, k, group.kind, self._simd)
+            numbers = {"ratio": group.ratio, "first": group.first}
+            self._fracture.append(self._bind(test, group.count, listed=listed, **numbers))
+
+        half = 0.5 * self.dt
+        for name in ("listed_linked_energy", "listed_unlinked_energy"):
+            self.upload(name, np.zeros(listed.size))
+        self._break = [self._move(half, 0.0, elements="near_elements")]
+        self._break += self._pair_energies("listed_bonds", "listed_", m.facet_listed)
         if f.has_volume:
             elements = self.arrays["listed_elements"]
-            self._release = self._bind(
-                volume_release(s, f.slots),
-                elements.size,
-                listed=elements,
-                plane_strain=float(f.plane_strain),
-                elements=m.elements,
-            )
-        self._pair_energies()  # allocates and binds what the log of breaks reads
-        unused = () if f.has_volume else ("element_release",)
-        numbers = {"listed": listed, "step": 0}
-        self._log = self._bind(log_breaks(s, f.has_volume), listed.size, unused, **numbers)
+            release = volume_release(s, f.slots, self._simd)
+            numbers = {"plane_strain": float(f.plane_strain), "elements": m.elements}
+            self._break.append(self._bind(release, elements.size, listed=elements, **numbers))
+        self._log = self._bind(
+            log_breaks(s, f.has_volume, self._simd),
+            listed.size,
+            () if f.has_volume else ("element_release",),
+            listed=listed,
+            linked_energy=self.arrays["listed_linked_energy"],
+            unlinked_energy=self.arrays["listed_unlinked_energy"],
+            step=0,
+        )
+        self._mend = self._force_passes(near=True)
+        self._mend.append(self._move(-half, 0.0, elements="near_elements"))
+        near = self.arrays["near_elements"]
+        self.upload("near_integrator_energy", np.zeros(near.size))
+        self._near_integrator = self._integrator_energies("near_elements")
 
-    def _break_now(self) -> None:
-        """Account for the bonds that broke at this instant, then go on without them."""
-        self._finish.launch()
-        self.synchronous = True
-        self._measure_elements()
-        before = self._sum("integrator_energy")
-        self._pair_energies()
-        if self._release is not None:
-            self._release.launch()
-        self._log.set_param_by_name("step", self.count)
-        self._log.launch()
-        self.evaluate_forces()
-        self._measure_elements()
-        self.integrator_released += before - self._sum("integrator_energy")
+    def _bind_energies(self) -> None:
+        (s, _), m, f = self._space, self.model, self.model.features
+        for name in ("kinetic_energy", "integrator_energy"):
+            self.upload(name, np.zeros(m.elements))
+        self.upload("linked_energy", np.zeros(m.bonds))
+        unused: tuple[str, ...] = ("volume_energy", "volume_stiffness", "volume_stress")
+        if f.has_volume:
+            self.upload("volume_energy", np.zeros(m.elements))
+            unused = ()
+        if f.has_unlinked:
+            self.upload("unlinked_energy", np.zeros(m.bonds))
+        self._energies = [
+            self._bind(element_energies(s, f.has_volume, self._simd), m.elements, unused),
+            self._integrator_energies(),
+            *self._pair_energies(),
+        ]
+
+    def _force_passes(self, near: bool = False) -> list[wp.Launch]:
+        """Forces of all bonds, or of those near bonds that may break."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        links = () if f.has_unlinked else ("bond_linked",)
+        unused = (*links, *(() if f.has_volume else ("volume_stress", "bond_weight")))
+        bonds, facets = m.bonds, m.facet_bonds
+        lists: dict[str, wp.array | None] = {"bonds": None, "elements": None}
+        if near:
+            lists = {x: self.arrays[f"near_{x}"] for x in lists}
+            bonds, facets = lists["bonds"].size, m.near_facets  # type: ignore[union-attr]
+        passes = []
+        if f.has_volume:
+            law = face_dilation(s, k, f.has_unlinked, near, self._simd)
+            passes.append(self._bind(law, bonds, links, listed=lists["bonds"], first=0))
+            law = volume_stresses(s, f.slots, near, self._simd)
+            count = lists["elements"].size if near else m.elements  # type: ignore[union-attr]
+            numbers = {"elements": m.elements, "first": 0}
+            passes.append(self._bind(law, count, listed=lists["elements"], **numbers))
+        if facets:
+            law = facet_forces(s, k, f.has_volume, f.has_unlinked, near, self._simd)
+            passes.append(self._bind(law, facets, unused, listed=lists["bonds"], first=0))
+        if bonds > facets:
+            law = evm_forces(s, k, f.has_volume, f.has_unlinked, near, self._simd)
+            numbers = {"first": facets, "first_evm": m.facet_bonds}
+            without = (*unused, *(() if f.has_volume else ("bond_arm",)))
+            passes.append(
+                self._bind(law, bonds - facets, without, listed=lists["bonds"], **numbers)
+            )
+        if m.listed_bonds is not None:
+            listed = self.arrays["listed_bonds"]
+            if m.facet_listed:
+                law = facet_closing(s, k, self._simd)
+                passes.append(self._bind(law, m.facet_listed, listed=listed, first=0))
+            if listed.size > m.facet_listed:
+                law = evm_closing(s, k, self._simd)
+                numbers = {"first": m.facet_listed, "first_evm": m.facet_bonds}
+                count = listed.size - m.facet_listed
+                passes.append(self._bind(law, count, listed=listed, **numbers))
+        return passes
+
+    def _move(
+        self, finish: float, start: float, drifts: bool = False, elements: str | None = None
+    ) -> wp.Launch:
+        (s, k), m, f = self._space, self.model, self.model.features
+        law = move(
+            s, k, f.slots, f.has_external, f.has_work, drifts, elements is not None, self._simd
+        )
+        unused = () if f.has_external else ("external_force",)
+        unused += () if f.has_work else ("element_work",)
+        listed = None if elements is None else self.arrays[elements]
+        numbers = {"finish": finish, "start": start, "dt": self.dt, "elements": m.elements}
+        count = m.elements if listed is None else listed.size
+        return self._bind(law, count, unused, listed=listed, first=0, **numbers)
+
+    def _stress(self, listed: str) -> wp.Launch:
+        (s, k), m, f = self._space, self.model, self.model.features
+        law = element_stress(s, k, f.slots, f.has_volume, f.plane_strain, self._simd)
+        unused = () if f.has_volume else ("volume_stress",)
+        ids = self.arrays[listed]
+        return self._bind(law, ids.size, unused, listed=ids, elements=m.elements)
+
+    def _pair_energies(
+        self, listed: str | None = None, prefix: str = "", facets: int | None = None
+    ) -> list[wp.Launch]:
+        """Energies of all bonds, or of listed ones of which the first `facets` are facet bonds."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        ids = None if listed is None else self.arrays[listed]
+        bonds = m.bonds if ids is None else ids.size
+        facets = m.facet_bonds if facets is None else facets
+        names = ("linked_energy", "unlinked_energy") if f.has_unlinked else ("linked_energy",)
+        given = {name: self.arrays[prefix + name] for name in names} | {"listed": ids}
+        unused = () if f.has_unlinked else ("unlinked_energy", "facet_closing_stiffness")
+        passes = []
+        if facets:
+            law = facet_energies(s, k, f.has_unlinked, ids is not None, self._simd)
+            passes.append(self._bind(law, facets, unused, first=0, **given))
+        if bonds > facets:
+            law = evm_energies(s, k, f.has_unlinked, ids is not None, self._simd)
+            numbers = {"first": facets, "first_evm": m.facet_bonds}
+            passes.append(self._bind(law, bonds - facets, unused, **numbers, **given))
+        return passes
+
+    def _integrator_energies(self, listed: str | None = None) -> wp.Launch:
+        (s, _), m, f = self._space, self.model, self.model.features
+        law = integrator_energies(s, f.slots, f.has_external, listed is not None, self._simd)
+        unused = () if f.has_external else ("external_force",)
+        prefix, ids = ("", None) if listed is None else ("near_", self.arrays[listed])
+        return self._bind(
+            law,
+            m.elements if ids is None else ids.size,
+            unused,
+            listed=ids,
+            integrator_energy=self.arrays[prefix + "integrator_energy"],
+            dt=self.dt,
+            elements=m.elements,
+        )
+
+    def _near_integrator_energy(self) -> float:
+        self._near_integrator.launch()
+        return self._sum("near_integrator_energy")
 
     def _any_broken(self) -> bool:
         flag = self.arrays["any_broken"]
@@ -231,54 +327,6 @@ class Step:
         broken = bool(flag.numpy()[0])
         flag.zero_()
         return broken
-
-    def _stress(self, listed: str) -> wp.Launch:
-        (s, k), m, f = self._space, self.model, self.model.features
-        law = element_stress(s, k, f.slots, f.has_volume, f.plane_strain)
-        unused = () if f.has_volume else ("volume_stress",)
-        ids = self.arrays[listed]
-        return self._bind(law, ids.size, unused, listed=ids, elements=m.elements)
-
-    def _pair_energies(self) -> NDArray[np.float64]:
-        """Energy of every bond in its present state, linked or unlinked [J]."""
-        (s, k), m, f = self._space, self.model, self.model.features
-        if "linked_energy" not in self.arrays:
-            self.upload("linked_energy", np.zeros(m.bonds))
-            unused: tuple[str, ...] = ()
-            if f.has_unlinked:
-                self.upload("unlinked_energy", np.zeros(m.bonds))
-            else:
-                unused = ("unlinked_energy", "facet_closing_stiffness")
-            self._energies = []
-            if m.facet_bonds:
-                law = facet_energies(s, k, f.has_unlinked)
-                self._energies.append(self._bind(law, m.facet_bonds, unused, first=0))
-            if m.evm_bonds:
-                law = evm_energies(s, k, f.has_unlinked)
-                at = {"first": m.facet_bonds, "first_evm": m.facet_bonds}
-                self._energies.append(self._bind(law, m.evm_bonds, unused, **at))
-        for a_pass in self._energies:
-            a_pass.launch()
-        energy = self.arrays["linked_energy"].numpy().astype(np.float64)
-        if f.has_unlinked:
-            linked = self.arrays["bond_linked"].numpy()[: m.bonds] == 1.0
-            energy = np.where(linked, energy, self.arrays["unlinked_energy"].numpy())
-        return energy
-
-    def _measure_elements(self) -> None:
-        (s, _), m, f = self._space, self.model, self.model.features
-        if "kinetic_energy" not in self.arrays:
-            for name in ("kinetic_energy", "integrator_energy"):
-                self.upload(name, np.zeros(m.elements))
-            unused: tuple[str, ...] = () if f.has_external else ("external_force",)
-            if f.has_volume:
-                self.upload("volume_energy", np.zeros(m.elements))
-            else:
-                unused += ("volume_energy", "volume_stiffness", "volume_stress")
-            law = element_energies(s, f.slots, f.has_volume, f.has_external)
-            numbers = {"dt": self.dt, "elements": m.elements}
-            self._elements = self._bind(law, m.elements, unused, **numbers)
-        self._elements.launch()
 
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))

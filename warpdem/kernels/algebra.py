@@ -23,7 +23,11 @@ class Laws(SimpleNamespace):
 def space(dim: int, real: type) -> Laws:
     """Algebra of the plane (dim 2) or of space (dim 3) over `real`."""
     laws = _plane(real) if dim == 2 else _solid(real)
-    vec, rot, vec3 = laws.vec, laws.rot, laws.vec3
+    vec3, rot = laws.vec3, laws.rot
+    # ratios of the series' neighbouring terms, from the eighth to the first
+    eight = wp.types.vector(8, real)
+    sinc_ratio = eight(*(1.0 / (2 * n * (2 * n + 1)) for n in range(8, 0, -1)))
+    cosine_ratio = eight(*(1.0 / (2 * n * (2 * n - 1)) for n in range(8, 0, -1)))
 
     @wp.func
     def rotate_by(q: rot, w: laws.spin, dt: real) -> rot:
@@ -36,9 +40,9 @@ def space(dim: int, real: type) -> Laws:
         x = wp.min(h * h * laws.spin_squared(w), real(1.0))
         sinc = real(1.0)
         cosine = real(1.0)
-        for n in range(8, 0, -1):
-            sinc = real(1.0) - x * sinc / real(float(2 * n * (2 * n + 1)))
-            cosine = real(1.0) - x * cosine / real(float(2 * n * (2 * n - 1)))
+        for n in range(8):
+            sinc = real(1.0) - x * sinc * sinc_ratio[n]
+            cosine = real(1.0) - x * cosine * cosine_ratio[n]
         return laws.compose(h * sinc * w, cosine, q)
 
     @wp.func

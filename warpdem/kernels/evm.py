@@ -11,7 +11,7 @@ import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
 from .face import face
-from .memory import kernel, nn
+from .memory import index, kernel, nn
 from .volume import volume
 
 
@@ -128,18 +128,16 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
 
 
 @cache
-def evm_forces(s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, simd: bool = False):
+def evm_forces(
+    s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, is_listed: bool, simd: bool = True
+):
     """Pass over EVM bonds: force on i and the torques on both elements."""
-    kinematics, law, geometry, many, real = (
-        evm_kinematics(s, k),
-        evm(s),
-        face(s, k),
-        volume(s),
-        s.real,
-    )
+    kinematics, law, real, at = evm_kinematics(s, k), evm(s), s.real, index(is_listed)
+    geometry, many = face(s, k), volume(s)
 
     def evm_forces(
         # model
+        listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         evm_direction: wp.array(dtype=k.real),
@@ -159,7 +157,7 @@ def evm_forces(s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, simd: boo
         first: int,
         first_evm: int,
     ):
-        b = nn(wp.tid() + first)
+        b = at(listed, wp.tid() + first)
         c = nn(b - first_evm)
         g, length, p, m, bi, bj, half, cosine = kinematics.load_measures(
             b,
@@ -210,7 +208,7 @@ def evm_forces(s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, simd: boo
 
 
 @cache
-def evm_closing(s: Laws, k: Laws):
+def evm_closing(s: Laws, k: Laws, simd: bool = True):
     """Pass over listed EVM bonds: unlinked ones resist closing (theory B11)."""
     kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
 
@@ -260,16 +258,17 @@ def evm_closing(s: Laws, k: Laws):
             s.store_spin(bond_torque, nn(2 * b), ti)
             s.store_spin(bond_torque, nn(2 * b + 1), tj)
 
-    return kernel(evm_closing)
+    return kernel(evm_closing, simd)
 
 
 @cache
-def evm_energies(s: Laws, k: Laws, has_unlinked: bool):
+def evm_energies(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bool = True):
     """Per EVM bond: the energy it holds linked, and the one it holds unlinked [J]."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
+    kinematics, law, real, at = evm_kinematics(s, k), evm(s), s.real, index(is_listed)
 
     def evm_energies(
         # model
+        listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         evm_direction: wp.array(dtype=k.real),
@@ -285,7 +284,8 @@ def evm_energies(s: Laws, k: Laws, has_unlinked: bool):
         first: int,
         first_evm: int,
     ):
-        b = nn(wp.tid() + first)
+        t = nn(wp.tid() + first)
+        b = at(listed, t)
         c = nn(b - first_evm)
         g, length, p, m, bi, bj, half, cosine = kinematics.load_measures(
             b,
@@ -299,7 +299,7 @@ def evm_energies(s: Laws, k: Laws, has_unlinked: bool):
             orientation,
         )
         b1 = evm_stiffness[nn(4 * c)]
-        linked_energy[b] = law.energy(
+        linked_energy[t] = law.energy(
             b1,
             evm_stiffness[nn(4 * c + 1)],
             evm_stiffness[nn(4 * c + 2)],
@@ -310,6 +310,6 @@ def evm_energies(s: Laws, k: Laws, has_unlinked: bool):
             half,
         )
         if wp.static(has_unlinked):
-            unlinked_energy[b] = law.closing_energy(b1, g)
+            unlinked_energy[t] = law.closing_energy(b1, g)
 
-    return kernel(evm_energies)
+    return kernel(evm_energies, simd)

@@ -10,7 +10,7 @@ import warp as wp
 
 from .algebra import Laws
 from .face import face
-from .memory import kernel, nn
+from .memory import index, kernel, nn
 from .volume import volume
 
 
@@ -54,12 +54,16 @@ def facet(s: Laws) -> Laws:
 
 
 @cache
-def facet_forces(s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, simd: bool = False):
+def facet_forces(
+    s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, is_listed: bool, simd: bool = True
+):
     """Pass over facet bonds: force on i and the torques on both elements."""
     geometry, law, many, real = face(s, k), facet(s), volume(s), s.real
+    at = index(is_listed)
 
     def facet_forces(
         # model
+        listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
@@ -75,7 +79,7 @@ def facet_forces(s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, simd: b
         bond_torque: wp.array(dtype=real),
         first: int,
     ):
-        b = nn(wp.tid() + first)
+        b = at(listed, wp.tid() + first)
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
@@ -99,7 +103,7 @@ def facet_forces(s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, simd: b
 
 
 @cache
-def facet_closing(s: Laws, k: Laws):
+def facet_closing(s: Laws, k: Laws, simd: bool = True):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11)."""
     geometry, law, real = face(s, k), facet(s), s.real
 
@@ -130,16 +134,17 @@ def facet_closing(s: Laws, k: Laws):
             s.store_spin(bond_torque, nn(2 * b), ti)
             s.store_spin(bond_torque, nn(2 * b + 1), tj)
 
-    return kernel(facet_closing)
+    return kernel(facet_closing, simd)
 
 
 @cache
-def facet_energies(s: Laws, k: Laws, has_unlinked: bool):
+def facet_energies(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bool = True):
     """Per facet bond: the energy it holds linked, and the one it holds unlinked [J]."""
-    geometry, law, real = face(s, k), facet(s), s.real
+    geometry, law, real, at = face(s, k), facet(s), s.real, index(is_listed)
 
     def facet_energies(
         # model
+        listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
@@ -153,13 +158,14 @@ def facet_energies(s: Laws, k: Laws, has_unlinked: bool):
         unlinked_energy: wp.array(dtype=real),
         first: int,
     ):
-        b = nn(wp.tid() + first)
+        t = nn(wp.tid() + first)
+        b = at(listed, t)
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
-        linked_energy[b] = law.energy(facet_stiffness[b], delta)
+        linked_energy[t] = law.energy(facet_stiffness[b], delta)
         if wp.static(has_unlinked):
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-            unlinked_energy[b] = law.closing_energy(facet_closing_stiffness[b], delta, p, m)
+            unlinked_energy[t] = law.closing_energy(facet_closing_stiffness[b], delta, p, m)
 
-    return kernel(facet_energies)
+    return kernel(facet_energies, simd)

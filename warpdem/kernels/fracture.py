@@ -86,7 +86,7 @@ def criterion(s: Laws, kind: str):
 
 
 @cache
-def break_bonds(s: Laws, k: Laws, kind: str):
+def break_bonds(s: Laws, k: Laws, kind: str, simd: bool = True):
     """Pass over listed bonds: those whose equivalent stress exceeds their strength unlink."""
     geometry, law, equivalent = face(s, k), pair_tensor(s), criterion(s, kind)
     real, narrowed = s.real, narrow(s, k)
@@ -132,11 +132,11 @@ def break_bonds(s: Laws, k: Laws, kind: str):
             break_shear[l] = wp.length(s.split(traction, n))
             any_broken[0] = 1
 
-    return kernel(break_bonds)
+    return kernel(break_bonds, simd)
 
 
 @cache
-def log_breaks(s: Laws, has_volume: bool):
+def log_breaks(s: Laws, has_volume: bool, simd: bool = True):
     """Pass over listed bonds: stamp those broken just now with the step and the energy released."""
     real = s.real
 
@@ -158,10 +158,10 @@ def log_breaks(s: Laws, has_volume: bool):
         l = wp.tid()
         b = listed[l]
         if bond_linked[b] == real(0.0) and break_step[b] == -1:
-            released = linked_energy[b] - unlinked_energy[b]
+            released = linked_energy[l] - unlinked_energy[l]
             if wp.static(has_volume):
                 released += element_release[bond_i[b]] + element_release[bond_j[b]]
             break_step[b] = step
             break_energy[l] = released
 
-    return kernel(log_breaks)
+    return kernel(log_breaks, simd)

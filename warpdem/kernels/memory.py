@@ -47,7 +47,25 @@ def simd_flags() -> str | None:
     )
 
 
-def kernel(function, simd: bool = False):
+@cache
+def index(is_listed: bool):
+    """Index of the t-th element or bond: t itself, or the t-th of a list."""
+    if is_listed:
+
+        @wp.func
+        def looked_up(listed: wp.array(dtype=int), t: int) -> int:
+            return nn(listed[nn(t)])
+
+        return looked_up
+
+    @wp.func
+    def own(listed: wp.array(dtype=int), t: int) -> int:
+        return nn(t)
+
+    return own
+
+
+def kernel(function, simd: bool = True):
     """A kernel of its own module; `simd` vectorises it if this Warp allows it."""
     flags = simd_flags() if simd else None
     options = {} if flags is None else {"cpu_compiler_flags": flags}

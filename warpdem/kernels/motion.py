@@ -8,7 +8,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
-from .memory import kernel, nn
+from .memory import index, kernel, nn
 
 
 @cache
@@ -46,18 +46,20 @@ def move(
     has_external: bool,
     has_work: bool,
     drifts: bool,
-    simd: bool = False,
+    is_listed: bool,
+    simd: bool = True,
 ):
     """Pass over elements: finish one half kick, start the next, then drift.
 
     The halves are added one after the other, so that a run that stops between them to be observed
     has the same bits as one that does not. `has_work` adds up the work of forced motion [J].
     """
-    real, load_force = s.real, gather(s, slots, has_external)
+    real, load_force, at = s.real, gather(s, slots, has_external), index(is_listed)
     widened, widened_spin = narrow(k, s), narrow_spin(k, s)
 
     def move(
         # model
+        listed: wp.array(dtype=int),
         incidence: wp.array(dtype=int),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
@@ -77,7 +79,7 @@ def move(
         elements: int,
         first: int,
     ):
-        i = nn(wp.tid() + first)
+        i = at(listed, wp.tid() + first)
         f, t = load_force(i, incidence, external_force, bond_force, bond_torque, elements)
         v = s.load(velocity, i)
         if wp.static(has_work):
@@ -104,51 +106,71 @@ def move(
 
 
 @cache
-def element_energies(s: Laws, slots: int, has_volume: bool, has_external: bool):
-    """Per element: kinetic and volume energy, and the integrator's own term (theory B13) [J].
+def integrator_energies(
+    s: Laws, slots: int, has_external: bool, is_listed: bool, simd: bool = True
+):
+    """Per element: the integrator's own term [J] (theory B13).
 
     Velocity Verlet conserves H - (dt^2/8) sum(|F|^2/m + |M|^2/J) exactly in a linear system.
     """
-    real, load_force = s.real, gather(s, slots, has_external)
+    real, load_force, at = s.real, gather(s, slots, has_external), index(is_listed)
+
+    def integrator_energies(
+        # model
+        listed: wp.array(dtype=int),
+        incidence: wp.array(dtype=int),
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+        external_force: wp.array(dtype=real),
+        # state read
+        bond_force: wp.array(dtype=real),
+        bond_torque: wp.array(dtype=real),
+        # written
+        integrator_energy: wp.array(dtype=real),
+        dt: real,
+        elements: int,
+    ):
+        t = wp.tid()
+        i = at(listed, t)
+        f, m = load_force(i, incidence, external_force, bond_force, bond_torque, elements)
+        integrator_energy[t] = (-real(0.125) * dt * dt) * (
+            wp.dot(f, wp.cw_mul(s.load(inverse_mass, i), f))
+            + inverse_inertia[i] * s.spin_squared(m)
+        )
+
+    return kernel(integrator_energies, simd)
+
+
+@cache
+def element_energies(s: Laws, has_volume: bool, simd: bool = True):
+    """Per element: kinetic and volume energy [J]."""
+    real = s.real
 
     def element_energies(
         # model
-        incidence: wp.array(dtype=int),
         mass: wp.array(dtype=real),
         inertia: wp.array(dtype=real),
-        inverse_mass: wp.array(dtype=real),
-        inverse_inertia: wp.array(dtype=real),
         element_volume: wp.array(dtype=real),
-        external_force: wp.array(dtype=real),
         # state read
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
         volume_stiffness: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
         # written
         kinetic_energy: wp.array(dtype=real),
         volume_energy: wp.array(dtype=real),
-        integrator_energy: wp.array(dtype=real),
-        dt: real,
-        elements: int,
     ):
         i = wp.tid()
-        f, t = load_force(i, incidence, external_force, bond_force, bond_torque, elements)
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
         kinetic_energy[i] = real(0.5) * (
             mass[i] * wp.dot(v, v) + inertia[i] * s.spin_squared(w)
         )
-        integrator_energy[i] = (-real(0.125) * dt * dt) * (
-            wp.dot(f, wp.cw_mul(s.load(inverse_mass, i), f))
-            + inverse_inertia[i] * s.spin_squared(t)
-        )
         if wp.static(has_volume):
+            # g = A E; where A = 0 there is no volume energy
             a = volume_stiffness[i]
-            if a != real(0.0):
-                g = volume_stress[i]
-                volume_energy[i] = real(0.5) * element_volume[i] * g * g / a
+            g = volume_stress[i]
+            safe = wp.where(a == real(0.0), real(1.0), a)
+            volume_energy[i] = real(0.5) * element_volume[i] * g * g / safe
 
-    return kernel(element_energies)
+    return kernel(element_energies, simd)

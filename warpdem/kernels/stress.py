@@ -9,7 +9,7 @@ from .memory import kernel, nn
 
 
 @cache
-def element_stress(s: Laws, k: Laws, slots: int, has_volume: bool, plane_strain: bool):
+def element_stress(s: Laws, k: Laws, slots: int, has_volume: bool, plane_strain: bool, simd: bool = True):
     """Pass over listed elements: sigma_i = sym (1/V_i) sum c (x) F [Pa], tension positive.
 
     Plane strain adds sigma_zz = D m; in plane stress it is zero.
@@ -44,4 +44,4 @@ def element_stress(s: Laws, k: Laws, slots: int, has_volume: bool, plane_strain:
             t[2, 2] = volume_stress[i]
         s.store_tensor(stress, i, t)
 
-    return kernel(element_stress)
+    return kernel(element_stress, simd)

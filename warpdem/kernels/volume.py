@@ -11,7 +11,7 @@ import warp as wp
 
 from .algebra import Laws
 from .face import face
-from .memory import kernel, nn
+from .memory import index, kernel, nn
 
 
 @cache
@@ -46,12 +46,13 @@ def volume(s: Laws) -> Laws:
 
 
 @cache
-def face_dilation(s: Laws, k: Laws, has_unlinked: bool, simd: bool = False):
+def face_dilation(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bool = True):
     """Pass over bonds: each face's share of V E of its two elements (theory B4)."""
-    geometry, real = face(s, k), s.real
+    geometry, real, at = face(s, k), s.real, index(is_listed)
 
     def face_dilation(
         # model
+        listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
@@ -64,7 +65,7 @@ def face_dilation(s: Laws, k: Laws, has_unlinked: bool, simd: bool = False):
         bond_dilation: wp.array(dtype=real),
         first: int,
     ):
-        b = nn(wp.tid() + first)
+        b = at(listed, wp.tid() + first)
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
@@ -78,12 +79,13 @@ def face_dilation(s: Laws, k: Laws, has_unlinked: bool, simd: bool = False):
 
 
 @cache
-def volume_stresses(s: Laws, slots: int, simd: bool = False):
+def volume_stresses(s: Laws, slots: int, is_listed: bool, simd: bool = True):
     """Pass over elements: g_i = A_i E_i."""
-    real = s.real
+    real, at = s.real, index(is_listed)
 
     def volume_stresses(
         # model
+        listed: wp.array(dtype=int),
         incidence: wp.array(dtype=int),
         element_volume: wp.array(dtype=real),
         # state read
@@ -94,7 +96,7 @@ def volume_stresses(s: Laws, slots: int, simd: bool = False):
         elements: int,
         first: int,
     ):
-        i = nn(wp.tid() + first)
+        i = at(listed, wp.tid() + first)
         e = real(0.0)
         for slot in range(wp.static(slots)):
             e += bond_dilation[nn(incidence[nn(slot * elements + i)])]
@@ -104,7 +106,7 @@ def volume_stresses(s: Laws, slots: int, simd: bool = False):
 
 
 @cache
-def volume_release(s: Laws, slots: int):
+def volume_release(s: Laws, slots: int, simd: bool = True):
     """After a break, per element: the new A_i, and the energy released to each broken face.
 
     The element's drop V (A E^2 - A' E'^2) / 2 is shared evenly among the faces broken just now.
@@ -151,4 +153,4 @@ def volume_release(s: Laws, slots: int):
         element_release[i] = drop / wp.max(broken, real(1.0))
         volume_stiffness[i] = a_after
 
-    return kernel(volume_release)
+    return kernel(volume_release, simd)
