@@ -27,6 +27,7 @@ class Features:
     has_external: bool
     has_work: bool
     slots: int
+    central: bool  # every face lies in the middle of its centre line
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,8 @@ class Model:
     bond_i: Ids
     bond_j: Ids
     bond_area: Array | None = None
-    bond_arm: Array | None = None  # (2 b + 2, dim)
+    bond_arm: Array | None = None  # (2 b + 2, dim), or (b + 1, dim) if faces are central
     facet_stiffness: Array | None = None  # k = 2 G S / r0
-    facet_closing_stiffness: Array | None = None  # k_c = (lambda + 2 G) S / r0
     evm_direction: Array | None = None
     evm_length: Array | None = None
     evm_offset: Array | None = None
@@ -76,6 +76,7 @@ class Model:
     element_coupling: Array | None = None  # D
     external_force: Array | None = None
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
+    closing_stiffness: Array | None = None  # of the listed bonds: k_c = (lambda + 2 G) S / r0 or B1
     listed_elements: Ids | None = None  # elements with bonds that may break
     bond_strength: Array | None = None  # of the listed bonds
     near_bonds: Ids | None = None  # all bonds of the listed elements
@@ -98,8 +99,11 @@ class Model:
         return {name: value for name, value in pairs if isinstance(value, np.ndarray)}
 
 
-def state_arrays(model: Model, scene: Scene) -> dict[str, NDArray]:
-    """Arrays that change, at time zero; only those that the scene needs."""
+def state_arrays(model: Model, scene: Scene, all_linked: bool = False) -> dict[str, NDArray]:
+    """Arrays that change, at time zero; only those that the scene needs.
+
+    An unlinked bond has no stiffness; `all_linked` takes every bond as linked.
+    """
     f, n, b = model.features, model.elements, model.bonds
     bodies = scene.bodies
     spins, rot = (1, 2) if f.dim == 2 else (3, 4)
@@ -116,10 +120,16 @@ def state_arrays(model: Model, scene: Scene) -> dict[str, NDArray]:
     if f.has_work:
         state["element_work"] = np.zeros(n)
     linked = np.zeros(b + 1)
-    linked[:b] = np.concatenate([x.linked for x in in_bond_order(bodies)])
+    linked[:b] = np.concatenate([x.linked | all_linked for x in in_bond_order(bodies)])
+    if model.facet_stiffness is not None:
+        state["facet_stiffness"] = model.facet_stiffness * linked[: model.facet_bonds]
+    if model.evm_stiffness is not None:
+        state["evm_stiffness"] = model.evm_stiffness * linked[model.facet_bonds : -1, None]
     if f.has_unlinked:
         state["bond_linked"] = linked
     if f.has_volume:
+        assert model.bond_weight is not None
+        state["bond_weight"] = model.bond_weight * linked[:-1]
         state["bond_dilation"] = np.zeros(2 * b + 2)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
@@ -192,6 +202,7 @@ def build(scene: Scene) -> Model:
         has_external=bool(force.any()),
         has_work=bool((held & (velocity != 0.0)).any()),
         slots=len(incidence),
+        central=_is_central(bodies),
     )
     model = Model(
         features=features,
@@ -247,7 +258,12 @@ def _add_faces(model: Model, stored: list[Body]) -> None:
         if p.area is not None and p.arms is not None:
             area[here], arm[here] = p.area, p.arms
     model.bond_area = area
-    model.bond_arm = arm.reshape(-1, dim)
+    model.bond_arm = arm[:, 0] if model.features.central else arm.reshape(-1, dim)
+
+
+def _is_central(bodies: list[Body]) -> bool:
+    arms = [b.packing.arms for b in bodies if b.packing.arms is not None]
+    return all(np.abs(a.sum(axis=1)).max(initial=0.0) <= 1e-12 * np.abs(a).max(initial=0.0) for a in arms)
 
 
 def _add_laws(model: Model, stored: list[Body]) -> None:
@@ -258,11 +274,6 @@ def _add_laws(model: Model, stored: list[Body]) -> None:
         model.facet_stiffness = np.concatenate(
             [g * w for g, w in zip(two_shear, weight, strict=True)]
         )
-        if model.features.has_unlinked:
-            closing = [g + b.material.lame(b.packing.plane) for g, b in zip(two_shear, facet, strict=True)]
-            model.facet_closing_stiffness = np.concatenate(
-                [g * w for g, w in zip(closing, weight, strict=True)]
-            )
     direction, length, offset, stiffness = [], [], [], []
     for body in stored:
         if isinstance(body.bond, EVMBond):
@@ -287,10 +298,12 @@ def _add_laws(model: Model, stored: list[Body]) -> None:
 
 def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:
     assert model.bond_area is not None and model.bond_arm is not None
+    if any(b.packing.arms is None for b in stored):
+        raise InputError("a scene with volume terms takes only bodies with faces.")
     r0 = np.concatenate([b.packing.bond_length for b in stored])
     acts = np.concatenate([np.full(len(b.packing.bonds), b.has_volume) for b in stored])
     model.bond_weight = np.where(acts, model.bond_area / r0, 0.0)
-    arm = model.bond_arm[:-2].reshape(-1, 2, model.features.dim)
+    arm = np.concatenate([b.packing.arms for b in stored if b.packing.arms is not None])
     x = arm[:, 0] - arm[:, 1]
     q = np.einsum("bsk,bk->bs", arm, x) * [1.0, -1.0] / r0[:, None]
     face = np.zeros(2 * model.bonds + 2)
@@ -316,6 +329,7 @@ def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:
 def _add_lists(model: Model, stored: list[Body], unlinked: list[NDArray[np.bool_]]) -> None:
     listed: list[NDArray[np.int64]] = []
     strength: list[Array] = []
+    closing: list[Array] = []
     groups: list[Group] = []
     at = first = 0
     for body, mask in zip(stored, unlinked, strict=True):
@@ -329,11 +343,20 @@ def _add_lists(model: Model, stored: list[Body], unlinked: list[NDArray[np.bool_
             strength.append(np.zeros(len(breakable)))
         strength.append(np.full(len(cut), np.inf))
         listed += [breakable + at, cut + at]
+        ids = np.concatenate([breakable, cut])
+        if isinstance(body.bond, EVMBond):
+            assert model.evm_stiffness is not None
+            closing.append(model.evm_stiffness[ids + at - model.facet_bonds, 0])
+        else:
+            modulus = body.material.lame(body.packing.plane) + 2.0 * body.material.shear_modulus
+            assert body.packing.area is not None
+            closing.append(modulus * (body.packing.area / body.packing.bond_length)[ids])
         first += len(breakable) + len(cut)
         at += len(mask)
         if not isinstance(body.bond, EVMBond):
             model.facet_listed = first
     model.listed_bonds = np.concatenate(listed).astype(np.int32)
+    model.closing_stiffness = np.concatenate(closing)
     if groups:
         model.criteria = tuple(groups)
         model.bond_strength = np.concatenate(strength)

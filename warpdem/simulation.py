@@ -15,6 +15,7 @@ from .stability import gathered, largest_frequency
 from .step import PRECISIONS, Step
 
 SAFETY = 0.8  # share of the stability limit taken by default
+HELD = ("kinetic", "pair", "volume", "contact", "integrator")  # energies held at an instant
 GUARD_EVERY = 100  # steps between checks for non-finite numbers
 
 
@@ -58,9 +59,10 @@ class Simulation:
         self.model = build(scene)
         starts = np.cumsum([0, *(len(b.packing) for b in scene.bodies)])
         self._elements = {id(b): slice(*ab) for b, *ab in zip(scene.bodies, starts, starts[1:], strict=False)}
-        state = state_arrays(self.model, scene)
-        step = Step(self.model, state, 1.0, precision, self.device, simd)
+        linked = state_arrays(self.model, scene, all_linked=True)
+        step = Step(self.model, linked, 1.0, precision, self.device, simd)
         frequency = largest_frequency(step, max(b.packing.spacing for b in scene.bodies))
+        del step
         self.dt_limit = 2.0 / frequency if frequency > 0.0 else np.inf
         if dt is None:
             if not np.isfinite(self.dt_limit):
@@ -72,6 +74,7 @@ class Simulation:
                 "smaller one, leave it out, or pass force_dt=True to go on regardless."
             )
         self.dt = float(dt)
+        state = state_arrays(self.model, scene)
         self._step = Step(self.model, state, self.dt, precision, self.device, simd)
         self._step.evaluate_forces()
         self._observers: list[Observer] = []
@@ -245,7 +248,7 @@ class Simulation:
         log = np.zeros(len(rows), dtype=kinds)
         log["bond"], log["i"], log["j"] = bond, m.bond_i[bond], m.bond_j[bond]
         log["step"], log["time"] = step[rows], step[rows] * self.dt
-        place = m.position[m.bond_i[bond]] + m.bond_arm[2 * bond]
+        place = m.position[m.bond_i[bond]] + m.bond_arm[bond if m.features.central else 2 * bond]
         for axis, name in zip(range(m.features.dim), "xyz", strict=False):
             log[name] = place[:, axis]
         log["normal_stress"] = self._step.download("break_normal")[rows]
@@ -257,13 +260,13 @@ class Simulation:
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
-        kinetic, pair, volume: held now; fracture: released by breaking bonds; work: done by moving
+        kinetic, pair (linked bonds), volume, contact (closed unlinked ones): held now; fracture: released by breaking bonds; work: done by moving
         grips and tractions; integrator: velocity Verlet's own term (theory B13), its jumps at
         breaking bonds included; residual: what is missing from their balance.
         """
         ledger = self._measure()
-        before = sum(self.initial_energies[k] for k in ("kinetic", "pair", "volume", "integrator"))
-        now = sum(ledger[k] for k in ("kinetic", "pair", "volume", "integrator", "fracture"))
+        before = sum(self.initial_energies[k] for k in HELD)
+        now = sum(ledger[k] for k in (*HELD, "fracture"))
         ledger["residual"] = now - before - (ledger["work"] - self.initial_energies["work"])
         return ledger
 

@@ -7,8 +7,20 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .kernels.algebra import space
-from .kernels.evm import evm_closing, evm_energies, evm_forces
-from .kernels.facet import facet_closing, facet_energies, facet_forces
+from .kernels.evm import (
+    evm_closing,
+    evm_closing_energies,
+    evm_energies,
+    evm_forces,
+    evm_unlink,
+)
+from .kernels.facet import (
+    facet_closing,
+    facet_closing_energies,
+    facet_energies,
+    facet_forces,
+    facet_unlink,
+)
 from .kernels.fracture import break_bonds, log_breaks
 from .kernels.motion import element_energies, integrator_energies, move
 from .kernels.stress import element_stress
@@ -111,7 +123,7 @@ class Step:
         return self.download("stress").astype(np.float64)
 
     def energies(self) -> dict[str, float]:
-        """Kinetic, pair and volume energy and the integrator's own term [J], summed in float64.
+        """Kinetic, pair, volume and contact energy and the integrator's own term [J], summed in float64.
 
         Call `synchronise` first.
         """
@@ -119,15 +131,16 @@ class Step:
             self._bind_energies()
         for a_pass in self._energies:
             a_pass.launch()
-        f, bonds = self.model.features, self.model.bonds
-        pair = self.arrays["linked_energy"].numpy()
-        if f.has_unlinked:
-            linked = self.arrays["bond_linked"].numpy()[:bonds] == 1.0
-            pair = np.where(linked, pair, self.arrays["unlinked_energy"].numpy())
+        contact = 0.0
+        if self.model.listed_bonds is not None:
+            linked = self.arrays["bond_linked"].numpy()[self.model.listed_bonds] == 1.0
+            closing = self.arrays["closing_energy"].numpy()
+            contact = float(closing.sum(where=~linked, dtype=np.float64))
         return {
             "kinetic": self._sum("kinetic_energy"),
-            "pair": float(pair.sum(dtype=np.float64)),
-            "volume": self._sum("volume_energy") if f.has_volume else 0.0,
+            "pair": self._sum("linked_energy"),
+            "volume": self._sum("volume_energy") if self.model.features.has_volume else 0.0,
+            "contact": contact,
             "integrator": self._sum("integrator_energy") + self.integrator_released,
         }
 
@@ -172,15 +185,17 @@ class Step:
         listed = self.arrays["listed_bonds"]
         self._fracture = [self._stress("listed_elements")]
         for group in m.criteria:
-            test = break_bonds(s, k, group.kind, self._simd)
+            test = break_bonds(s, k, f.central, group.kind, self._simd)
             numbers = {"ratio": group.ratio, "first": group.first}
             self._fracture.append(self._bind(test, group.count, listed=listed, **numbers))
 
         half = 0.5 * self.dt
-        for name in ("listed_linked_energy", "listed_unlinked_energy"):
-            self.upload(name, np.zeros(listed.size))
-        self._break = [self._move(half, 0.0, elements="near_elements")]
-        self._break += self._pair_energies("listed_bonds", "listed_", m.facet_listed)
+        self.upload("listed_linked_energy", np.zeros(listed.size))
+        self._break = [
+            self._move(half, 0.0, elements="near_elements"),
+            *self._pair_energies("listed_bonds", m.facet_listed),
+            *self._closing_energies(),
+        ]
         if f.has_volume:
             elements = self.arrays["listed_elements"]
             release = volume_release(s, f.slots, self._simd)
@@ -192,13 +207,14 @@ class Step:
             () if f.has_volume else ("element_release",),
             listed=listed,
             linked_energy=self.arrays["listed_linked_energy"],
-            unlinked_energy=self.arrays["listed_unlinked_energy"],
             step=0,
         )
-        self._mend = self._force_passes(near=True)
-        self._mend.append(self._move(-half, 0.0, elements="near_elements"))
-        near = self.arrays["near_elements"]
-        self.upload("near_integrator_energy", np.zeros(near.size))
+        self._mend = [
+            *self._unlink(),
+            *self._force_passes(near=True),
+            self._move(-half, 0.0, elements="near_elements"),
+        ]
+        self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
         self._near_integrator = self._integrator_energies("near_elements")
 
     def _bind_energies(self) -> None:
@@ -210,53 +226,69 @@ class Step:
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
             unused = ()
-        if f.has_unlinked:
-            self.upload("unlinked_energy", np.zeros(m.bonds))
         self._energies = [
             self._bind(element_energies(s, f.has_volume, self._simd), m.elements, unused),
             self._integrator_energies(),
             *self._pair_energies(),
+            *self._closing_energies(),
         ]
 
     def _force_passes(self, near: bool = False) -> list[wp.Launch]:
         """Forces of all bonds, or of those near bonds that may break."""
         (s, k), m, f = self._space, self.model, self.model.features
-        links = () if f.has_unlinked else ("bond_linked",)
-        unused = (*links, *(() if f.has_volume else ("volume_stress", "bond_weight")))
-        bonds, facets = m.bonds, m.facet_bonds
-        lists: dict[str, wp.array | None] = {"bonds": None, "elements": None}
+        unused = () if f.has_volume else ("volume_stress", "bond_weight")
+        bonds, facets, elements = m.bonds, m.facet_bonds, m.elements
+        listed, listed_elements = None, None
         if near:
-            lists = {x: self.arrays[f"near_{x}"] for x in lists}
-            bonds, facets = lists["bonds"].size, m.near_facets  # type: ignore[union-attr]
+            listed, listed_elements = self.arrays["near_bonds"], self.arrays["near_elements"]
+            bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
         passes = []
         if f.has_volume:
-            law = face_dilation(s, k, f.has_unlinked, near, self._simd)
-            passes.append(self._bind(law, bonds, links, listed=lists["bonds"], first=0))
+            law = face_dilation(s, k, f.central, near, self._simd)
+            passes.append(self._bind(law, bonds, listed=listed, first=0))
             law = volume_stresses(s, f.slots, near, self._simd)
-            count = lists["elements"].size if near else m.elements  # type: ignore[union-attr]
             numbers = {"elements": m.elements, "first": 0}
-            passes.append(self._bind(law, count, listed=lists["elements"], **numbers))
+            passes.append(self._bind(law, elements, listed=listed_elements, **numbers))
         if facets:
-            law = facet_forces(s, k, f.has_volume, f.has_unlinked, near, self._simd)
-            passes.append(self._bind(law, facets, unused, listed=lists["bonds"], first=0))
+            law = facet_forces(s, k, f.central, f.has_volume, near, self._simd)
+            passes.append(self._bind(law, facets, unused, listed=listed, first=0))
         if bonds > facets:
-            law = evm_forces(s, k, f.has_volume, f.has_unlinked, near, self._simd)
+            law = evm_forces(s, k, f.central, f.has_volume, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             without = (*unused, *(() if f.has_volume else ("bond_arm",)))
-            passes.append(
-                self._bind(law, bonds - facets, without, listed=lists["bonds"], **numbers)
-            )
-        if m.listed_bonds is not None:
-            listed = self.arrays["listed_bonds"]
-            if m.facet_listed:
-                law = facet_closing(s, k, self._simd)
-                passes.append(self._bind(law, m.facet_listed, listed=listed, first=0))
-            if listed.size > m.facet_listed:
-                law = evm_closing(s, k, self._simd)
-                numbers = {"first": m.facet_listed, "first_evm": m.facet_bonds}
-                count = listed.size - m.facet_listed
-                passes.append(self._bind(law, count, listed=listed, **numbers))
+            passes.append(self._bind(law, bonds - facets, without, listed=listed, **numbers))
+        return passes + self._over_listed(
+            facet_closing(s, k, f.central, self._simd), evm_closing(s, k, self._simd)
+        )
+
+    def _over_listed(self, facet_law, evm_law, unused: tuple[str, ...] = ()) -> list[wp.Launch]:
+        """A pass of each law over the listed bonds that follow it."""
+        m = self.model
+        if m.listed_bonds is None:
+            return []
+        listed, passes = self.arrays["listed_bonds"], []
+        if m.facet_listed:
+            passes.append(self._bind(facet_law, m.facet_listed, unused, listed=listed))
+        if listed.size > m.facet_listed:
+            numbers = {"first": m.facet_listed, "first_evm": m.facet_bonds}
+            count = listed.size - m.facet_listed
+            passes.append(self._bind(evm_law, count, unused, listed=listed, **numbers))
         return passes
+
+    def _unlink(self) -> list[wp.Launch]:
+        (s, _), f = self._space, self.model.features
+        unused = () if f.has_volume else ("bond_weight",)
+        laws = (law(s, f.has_volume, self._simd) for law in (facet_unlink, evm_unlink))
+        return self._over_listed(*laws, unused=unused)
+
+    def _closing_energies(self) -> list[wp.Launch]:
+        (s, k), m = self._space, self.model
+        if m.listed_bonds is not None and "closing_energy" not in self.arrays:
+            self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
+        return self._over_listed(
+            facet_closing_energies(s, k, m.features.central, self._simd),
+            evm_closing_energies(s, k, self._simd),
+        )
 
     def _move(
         self, finish: float, start: float, drifts: bool = False, elements: str | None = None
@@ -274,30 +306,29 @@ class Step:
 
     def _stress(self, listed: str) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
-        law = element_stress(s, k, f.slots, f.has_volume, f.plane_strain, self._simd)
+        law = element_stress(s, k, f.central, f.slots, f.has_volume, f.plane_strain, self._simd)
         unused = () if f.has_volume else ("volume_stress",)
         ids = self.arrays[listed]
         return self._bind(law, ids.size, unused, listed=ids, elements=m.elements)
 
     def _pair_energies(
-        self, listed: str | None = None, prefix: str = "", facets: int | None = None
+        self, listed: str | None = None, facets: int | None = None
     ) -> list[wp.Launch]:
         """Energies of all bonds, or of listed ones of which the first `facets` are facet bonds."""
-        (s, k), m, f = self._space, self.model, self.model.features
+        (s, k), m = self._space, self.model
         ids = None if listed is None else self.arrays[listed]
         bonds = m.bonds if ids is None else ids.size
         facets = m.facet_bonds if facets is None else facets
-        names = ("linked_energy", "unlinked_energy") if f.has_unlinked else ("linked_energy",)
-        given = {name: self.arrays[prefix + name] for name in names} | {"listed": ids}
-        unused = () if f.has_unlinked else ("unlinked_energy", "facet_closing_stiffness")
+        name = "linked_energy" if ids is None else "listed_linked_energy"
+        given = {"linked_energy": self.arrays[name], "listed": ids}
         passes = []
         if facets:
-            law = facet_energies(s, k, f.has_unlinked, ids is not None, self._simd)
-            passes.append(self._bind(law, facets, unused, first=0, **given))
+            law = facet_energies(s, k, m.features.central, ids is not None, self._simd)
+            passes.append(self._bind(law, facets, **given))
         if bonds > facets:
-            law = evm_energies(s, k, f.has_unlinked, ids is not None, self._simd)
+            law = evm_energies(s, k, ids is not None, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
-            passes.append(self._bind(law, bonds - facets, unused, **numbers, **given))
+            passes.append(self._bind(law, bonds - facets, **numbers, **given))
         return passes
 
     def _integrator_energies(self, listed: str | None = None) -> wp.Launch:

@@ -16,64 +16,80 @@ from .volume import volume
 
 
 @cache
-def evm(s: Laws) -> Laws:
-    """Laws of the EVM bond in its deformation measures, all zero in the reference state.
-
-    g = D - a [m] elongation, length D [m], p = Q_i e0, m = Q_j e0, bi = p - d, bj = m - d,
-    and the half-rotation from i to j, (sin u, cos) of half the relative angle.
-    """
+def measures(s: Laws):
+    """Deformation measures of an EVM bond, those of its reference state being zero or fixed."""
     real, vec, spin = s.real, s.vec, s.spin
 
+    @wp.struct
+    class Measures:
+        elongation: real  # g = D - a [m]
+        length: real  # D [m]
+        p: vec  # Q_i e0
+        m: vec  # Q_j e0
+        bend_i: vec  # p - d
+        bend_j: vec  # m - d
+        half: spin  # sin(angle/2) times axis of the rotation from i to j
+        cosine: real  # cos(angle/2)
+
+    return Measures
+
+
+@cache
+def evm(s: Laws) -> Laws:
+    """Laws of the EVM bond: linked, and unlinked where it only resists closing."""
+    real, vec4, measure = s.real, wp.types.vector(4, s.real), measures(s)
+
     @wp.func
-    def energy(b1: real, b2: real, b3: real, b4: real, g: real, bi: vec, bj: vec, half: spin):
-        """U [J], Kuzkin eq. 2 + B2 + B3 + B4, so that it is zero at rest (theory A1)."""
+    def energy(b: vec4, x: measure) -> real:
+        """U [J]: Kuzkin eq. 2 + B2 + B3 + B4, so that it is zero at rest (theory A1)."""
+        bend = x.bend_i - x.bend_j
         return (
-            real(0.5) * b1 * g * g
-            + real(0.25) * b2 * (wp.dot(bi, bi) + wp.dot(bj, bj))
-            + real(0.5) * (b3 - real(0.5) * b4) * wp.dot(bi - bj, bi - bj)
-            + real(2.0) * b4 * s.spin_squared(half)
+            real(0.5) * b[0] * x.elongation * x.elongation
+            + real(0.25) * b[1] * (wp.dot(x.bend_i, x.bend_i) + wp.dot(x.bend_j, x.bend_j))
+            + real(0.5) * (b[2] - real(0.5) * b[3]) * wp.dot(bend, bend)
+            + real(2.0) * b[3] * s.spin_squared(x.half)
         )
 
     @wp.func
-    def force(
-        b1: real,
-        b2: real,
-        b3: real,
-        b4: real,
-        ri: real,
-        rj: real,
-        g: real,
-        length: real,
-        p: vec,
-        m: vec,
-        bi: vec,
-        bj: vec,
-        half: spin,
-        cosine: real,
-    ):
-        """Force on i [N] and torques on i and j [N m], Kuzkin eq. 3 (theory A2)."""
-        d = p - bi
-        y = bi + bj
-        f = b1 * g * d - (real(0.5) * b2 / length) * (y - wp.dot(y, d) * d)
-        both = (b3 - real(0.5) * b4) * s.cross(p, bj - bi) + (real(2.0) * b4 * cosine) * half
-        ti = ri * s.cross(p, f) - real(0.5) * b2 * s.cross(p, bi) + both
-        tj = rj * s.cross(m, f) - real(0.5) * b2 * s.cross(m, bj) - both
+    def force(b: vec4, ri: real, rj: real, x: measure):
+        """Force on i [N] and torques on i and j [N m]: Kuzkin eq. 3 (theory A2)."""
+        d = x.p - x.bend_i
+        y = x.bend_i + x.bend_j
+        f = b[0] * x.elongation * d - (real(0.5) * b[1] / x.length) * (y - wp.dot(y, d) * d)
+        both = (b[2] - real(0.5) * b[3]) * s.cross(x.p, x.bend_j - x.bend_i)
+        both += (real(2.0) * b[3] * x.cosine) * x.half
+        ti = ri * s.cross(x.p, f) - real(0.5) * b[1] * s.cross(x.p, x.bend_i) + both
+        tj = rj * s.cross(x.m, f) - real(0.5) * b[1] * s.cross(x.m, x.bend_j) - both
         return f, ti, tj
 
     @wp.func
-    def closing_energy(b1: real, g: real) -> real:
+    def closing_energy(stiffness: real, x: measure) -> real:
         """U = B1/2 <D - a>^2 [J] of an unlinked bond, only if shorter than at rest (theory B11)."""
-        h = wp.min(g, real(0.0))
-        return real(0.5) * b1 * h * h
+        h = wp.min(x.elongation, real(0.0))
+        return real(0.5) * stiffness * h * h
 
     @wp.func
-    def closing_force(b1: real, ri: real, rj: real, g: real, p: vec, m: vec, bi: vec):
+    def closing_force(stiffness: real, ri: real, rj: real, x: measure):
         """Force on i and torques of the closing energy."""
-        f = b1 * wp.min(g, real(0.0)) * (p - bi)
-        return f, ri * s.cross(p, f), rj * s.cross(m, f)
+        f = stiffness * wp.min(x.elongation, real(0.0)) * (x.p - x.bend_i)
+        return f, ri * s.cross(x.p, f), rj * s.cross(x.m, f)
+
+    @wp.func
+    def load_stiffness(evm_stiffness: wp.array(dtype=real), c: int) -> vec4:
+        """B1..B4 of the c-th EVM bond."""
+        return vec4(
+            evm_stiffness[nn(4 * c)],
+            evm_stiffness[nn(4 * c + 1)],
+            evm_stiffness[nn(4 * c + 2)],
+            evm_stiffness[nn(4 * c + 3)],
+        )
 
     return Laws(
-        energy=energy, force=force, closing_energy=closing_energy, closing_force=closing_force
+        energy=energy,
+        force=force,
+        closing_energy=closing_energy,
+        closing_force=closing_force,
+        load_stiffness=load_stiffness,
     )
 
 
@@ -81,6 +97,7 @@ def evm(s: Laws) -> Laws:
 def evm_kinematics(s: Laws, k: Laws) -> Laws:
     """Deformation measures of a bond, differenced in the precision of k, returned in that of s."""
     real, narrowed, narrowed_spin = s.real, narrow(s, k), narrow_spin(s, k)
+    measure = measures(s)
 
     @wp.func
     def load_measures(
@@ -93,8 +110,8 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
         evm_offset: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
-    ):
-        """Measures of bond b, the c-th EVM bond: g, D, p, m, bi, bj, half-rotation, its cosine.
+    ) -> measure:
+        """Measures of bond b, the c-th EVM bond.
 
         D - a is taken as (2 X + Delta).Delta / (D + a), free of cancellation (theory A4).
         """
@@ -113,27 +130,27 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
         g = wp.dot(k.real(2.0) * a * e0 + delta, delta) / (length + a)
         dd = (delta - g * e0) / length
         turned = k.relative(qi, qj)
-        return (
-            real(g),
-            real(length),
-            narrowed(e0 + xi),
-            narrowed(e0 + xj),
-            narrowed(xi - dd),
-            narrowed(xj - dd),
-            narrowed_spin(k.axial(turned)),
-            real(k.scalar(turned)),
-        )
+        x = measure()
+        x.elongation = real(g)
+        x.length = real(length)
+        x.p = narrowed(e0 + xi)
+        x.m = narrowed(e0 + xj)
+        x.bend_i = narrowed(xi - dd)
+        x.bend_j = narrowed(xj - dd)
+        x.half = narrowed_spin(k.axial(turned))
+        x.cosine = real(k.scalar(turned))
+        return x
 
     return Laws(load_measures=load_measures)
 
 
 @cache
 def evm_forces(
-    s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, is_listed: bool, simd: bool = True
+    s: Laws, k: Laws, central: bool, has_volume: bool, is_listed: bool, simd: bool = True
 ):
     """Pass over EVM bonds: force on i and the torques on both elements."""
     kinematics, law, real, at = evm_kinematics(s, k), evm(s), s.real, index(is_listed)
-    geometry, many = face(s, k), volume(s)
+    geometry, many = face(s, k, central), volume(s)
 
     def evm_forces(
         # model
@@ -143,13 +160,12 @@ def evm_forces(
         evm_direction: wp.array(dtype=k.real),
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
-        evm_stiffness: wp.array(dtype=real),
         bond_arm: wp.array(dtype=k.real),
-        bond_weight: wp.array(dtype=real),
         # state read
+        evm_stiffness: wp.array(dtype=real),
+        bond_weight: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
-        bond_linked: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
         # written
         bond_force: wp.array(dtype=real),
@@ -159,7 +175,7 @@ def evm_forces(
     ):
         b = at(listed, wp.tid() + first)
         c = nn(b - first_evm)
-        g, length, p, m, bi, bj, half, cosine = kinematics.load_measures(
+        x = kinematics.load_measures(
             b,
             c,
             bond_i,
@@ -171,20 +187,10 @@ def evm_forces(
             orientation,
         )
         f, ti, tj = law.force(
-            evm_stiffness[nn(4 * c)],
-            evm_stiffness[nn(4 * c + 1)],
-            evm_stiffness[nn(4 * c + 2)],
-            evm_stiffness[nn(4 * c + 3)],
+            law.load_stiffness(evm_stiffness, c),
             real(evm_offset[nn(2 * c)]),
             real(evm_offset[nn(2 * c + 1)]),
-            g,
-            length,
-            p,
-            m,
-            bi,
-            bj,
-            half,
-            cosine,
+            x,
         )
         if wp.static(has_volume):
             delta, ci, cj = geometry.load_opening(
@@ -196,10 +202,6 @@ def evm_forces(
             f += fv
             ti += tiv
             tj += tjv
-        if wp.static(has_unlinked):
-            f *= bond_linked[b]
-            ti *= bond_linked[b]
-            tj *= bond_linked[b]
         s.store(bond_force, b, f)
         s.store_spin(bond_torque, nn(2 * b), ti)
         s.store_spin(bond_torque, nn(2 * b + 1), tj)
@@ -220,7 +222,7 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
         evm_direction: wp.array(dtype=k.real),
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
-        evm_stiffness: wp.array(dtype=real),
+        closing_stiffness: wp.array(dtype=real),
         # state read
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
@@ -231,10 +233,11 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
         first: int,
         first_evm: int,
     ):
-        b = nn(listed[wp.tid() + first])
+        t = wp.tid() + first
+        b = nn(listed[t])
         c = nn(b - first_evm)
         if bond_linked[b] == real(0.0):
-            g, length, p, m, bi, bj, half, cosine = kinematics.load_measures(
+            x = kinematics.load_measures(
                 b,
                 c,
                 bond_i,
@@ -246,13 +249,10 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
                 orientation,
             )
             f, ti, tj = law.closing_force(
-                evm_stiffness[nn(4 * c)],
+                closing_stiffness[t],
                 real(evm_offset[nn(2 * c)]),
                 real(evm_offset[nn(2 * c + 1)]),
-                g,
-                p,
-                m,
-                bi,
+                x,
             )
             s.store(bond_force, b, f)
             s.store_spin(bond_torque, nn(2 * b), ti)
@@ -262,8 +262,8 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
 
 
 @cache
-def evm_energies(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bool = True):
-    """Per EVM bond: the energy it holds linked, and the one it holds unlinked [J]."""
+def evm_energies(s: Laws, k: Laws, is_listed: bool, simd: bool = True):
+    """Per EVM bond: the energy it holds linked [J]."""
     kinematics, law, real, at = evm_kinematics(s, k), evm(s), s.real, index(is_listed)
 
     def evm_energies(
@@ -274,20 +274,19 @@ def evm_energies(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bo
         evm_direction: wp.array(dtype=k.real),
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
-        evm_stiffness: wp.array(dtype=real),
         # state read
+        evm_stiffness: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
         linked_energy: wp.array(dtype=real),
-        unlinked_energy: wp.array(dtype=real),
         first: int,
         first_evm: int,
     ):
-        t = nn(wp.tid() + first)
+        t = wp.tid() + first
         b = at(listed, t)
         c = nn(b - first_evm)
-        g, length, p, m, bi, bj, half, cosine = kinematics.load_measures(
+        x = kinematics.load_measures(
             b,
             c,
             bond_i,
@@ -298,18 +297,71 @@ def evm_energies(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bo
             displacement,
             orientation,
         )
-        b1 = evm_stiffness[nn(4 * c)]
-        linked_energy[t] = law.energy(
-            b1,
-            evm_stiffness[nn(4 * c + 1)],
-            evm_stiffness[nn(4 * c + 2)],
-            evm_stiffness[nn(4 * c + 3)],
-            g,
-            bi,
-            bj,
-            half,
-        )
-        if wp.static(has_unlinked):
-            unlinked_energy[t] = law.closing_energy(b1, g)
+        linked_energy[t] = law.energy(law.load_stiffness(evm_stiffness, c), x)
 
     return kernel(evm_energies, simd)
+
+
+@cache
+def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
+    """Per listed EVM bond: the energy it holds, or would hold, unlinked [J]."""
+    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
+
+    def evm_closing_energies(
+        # model
+        listed: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_length: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        closing_stiffness: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        # written
+        closing_energy: wp.array(dtype=real),
+        first: int,
+        first_evm: int,
+    ):
+        t = wp.tid() + first
+        b = nn(listed[t])
+        x = kinematics.load_measures(
+            b,
+            nn(b - first_evm),
+            bond_i,
+            bond_j,
+            evm_direction,
+            evm_length,
+            evm_offset,
+            displacement,
+            orientation,
+        )
+        closing_energy[t] = law.closing_energy(closing_stiffness[t], x)
+
+    return kernel(evm_closing_energies, simd)
+
+
+@cache
+def evm_unlink(s: Laws, has_volume: bool, simd: bool = True):
+    """Pass over listed EVM bonds: an unlinked bond has no stiffness."""
+    real = s.real
+
+    def evm_unlink(
+        listed: wp.array(dtype=int),
+        # state read
+        bond_linked: wp.array(dtype=real),
+        # written
+        evm_stiffness: wp.array(dtype=real),
+        bond_weight: wp.array(dtype=real),
+        first: int,
+        first_evm: int,
+    ):
+        b = nn(listed[wp.tid() + first])
+        c = nn(b - first_evm)
+        for n in range(4):
+            evm_stiffness[4 * c + n] = bond_linked[b] * evm_stiffness[4 * c + n]
+        if wp.static(has_volume):
+            bond_weight[b] = bond_linked[b] * bond_weight[b]
+
+    return kernel(evm_unlink, simd)

@@ -13,9 +13,26 @@ from .memory import nn
 
 
 @cache
-def face(s: Laws, k: Laws) -> Laws:
-    """Openings and normals, differenced in the precision of k and returned in that of s."""
+def face(s: Laws, k: Laws, central: bool) -> Laws:
+    """Openings and normals, differenced in the precision of k and returned in that of s.
+
+    central: every face's centroid is the middle of the centre line, so that one arm a bond is kept
+    and the other is its opposite.
+    """
     narrowed = narrow(s, k)
+
+    if central:
+
+        @wp.func
+        def load_arm(bond_arm: wp.array(dtype=k.real), entry: int) -> k.vec:
+            """Arm c from an element's centre to the face, in the reference state."""
+            return k.real(1 - 2 * (entry & 1)) * k.load(bond_arm, nn(entry >> 1))
+    else:
+
+        @wp.func
+        def load_arm(bond_arm: wp.array(dtype=k.real), entry: int) -> k.vec:
+            """Arm c from an element's centre to the face, in the reference state."""
+            return k.load(bond_arm, entry)
 
     @wp.func
     def opening(du: k.vec, qi: k.rot, qj: k.rot, ci: k.vec, cj: k.vec) -> k.vec:
@@ -36,8 +53,8 @@ def face(s: Laws, k: Laws) -> Laws:
         j = nn(bond_j[b])
         qi = k.load_rot(orientation, i)
         qj = k.load_rot(orientation, j)
-        ci = k.load(bond_arm, nn(2 * b))
-        cj = k.load(bond_arm, nn(2 * b + 1))
+        ci = load_arm(bond_arm, nn(2 * b))
+        cj = load_arm(bond_arm, nn(2 * b + 1))
         delta = opening(k.load(displacement, j) - k.load(displacement, i), qi, qj, ci, cj)
         return narrowed(delta), narrowed(ci + k.turn(qi, ci)), narrowed(cj + k.turn(qj, cj))
 
@@ -53,9 +70,9 @@ def face(s: Laws, k: Laws) -> Laws:
 
         It is not the centre line: m S n must sum to m V 1 with the carried arms (theory B6).
         """
-        n0 = wp.normalize(k.load(bond_arm, nn(2 * b)) - k.load(bond_arm, nn(2 * b + 1)))
+        n0 = wp.normalize(load_arm(bond_arm, nn(2 * b)) - load_arm(bond_arm, nn(2 * b + 1)))
         qi = k.load_rot(orientation, nn(bond_i[b]))
         qj = k.load_rot(orientation, nn(bond_j[b]))
         return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))
 
-    return Laws(opening=opening, load_opening=load_opening, load_normals=load_normals)
+    return Laws(load_arm=load_arm, opening=opening, load_opening=load_opening, load_normals=load_normals)

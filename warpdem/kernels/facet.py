@@ -55,10 +55,10 @@ def facet(s: Laws) -> Laws:
 
 @cache
 def facet_forces(
-    s: Laws, k: Laws, has_volume: bool, has_unlinked: bool, is_listed: bool, simd: bool = True
+    s: Laws, k: Laws, central: bool, has_volume: bool, is_listed: bool, simd: bool = True
 ):
     """Pass over facet bonds: force on i and the torques on both elements."""
-    geometry, law, many, real = face(s, k), facet(s), volume(s), s.real
+    geometry, law, many, real = face(s, k, central), facet(s), volume(s), s.real
     at = index(is_listed)
 
     def facet_forces(
@@ -67,12 +67,11 @@ def facet_forces(
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        # state read
         facet_stiffness: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
-        # state read
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
-        bond_linked: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
         # written
         bond_force: wp.array(dtype=real),
@@ -91,10 +90,6 @@ def facet_forces(
             f += fv
             ti += tiv
             tj += tjv
-        if wp.static(has_unlinked):
-            f *= bond_linked[b]
-            ti *= bond_linked[b]
-            tj *= bond_linked[b]
         s.store(bond_force, b, f)
         s.store_spin(bond_torque, nn(2 * b), ti)
         s.store_spin(bond_torque, nn(2 * b + 1), tj)
@@ -103,9 +98,9 @@ def facet_forces(
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, simd: bool = True):
+def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11)."""
-    geometry, law, real = face(s, k), facet(s), s.real
+    geometry, law, real = face(s, k, central), facet(s), s.real
 
     def facet_closing(
         # model
@@ -113,7 +108,7 @@ def facet_closing(s: Laws, k: Laws, simd: bool = True):
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
-        facet_closing_stiffness: wp.array(dtype=real),
+        closing_stiffness: wp.array(dtype=real),
         # state read
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
@@ -121,15 +116,15 @@ def facet_closing(s: Laws, k: Laws, simd: bool = True):
         # written
         bond_force: wp.array(dtype=real),
         bond_torque: wp.array(dtype=real),
-        first: int,
     ):
-        b = nn(listed[wp.tid() + first])
+        t = wp.tid()
+        b = nn(listed[t])
         if bond_linked[b] == real(0.0):
             delta, ci, cj = geometry.load_opening(
                 b, bond_i, bond_j, bond_arm, displacement, orientation
             )
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-            f, ti, tj = law.closing_force(facet_closing_stiffness[b], delta, ci, cj, p, m)
+            f, ti, tj = law.closing_force(closing_stiffness[t], delta, ci, cj, p, m)
             s.store(bond_force, b, f)
             s.store_spin(bond_torque, nn(2 * b), ti)
             s.store_spin(bond_torque, nn(2 * b + 1), tj)
@@ -138,9 +133,9 @@ def facet_closing(s: Laws, k: Laws, simd: bool = True):
 
 
 @cache
-def facet_energies(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bool = True):
-    """Per facet bond: the energy it holds linked, and the one it holds unlinked [J]."""
-    geometry, law, real, at = face(s, k), facet(s), s.real, index(is_listed)
+def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool = True):
+    """Per facet bond: the energy it holds linked [J]."""
+    geometry, law, real, at = face(s, k, central), facet(s), s.real, index(is_listed)
 
     def facet_energies(
         # model
@@ -148,24 +143,68 @@ def facet_energies(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: 
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
-        facet_stiffness: wp.array(dtype=real),
-        facet_closing_stiffness: wp.array(dtype=real),
         # state read
+        facet_stiffness: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
         linked_energy: wp.array(dtype=real),
-        unlinked_energy: wp.array(dtype=real),
-        first: int,
     ):
-        t = nn(wp.tid() + first)
+        t = wp.tid()
         b = at(listed, t)
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
         linked_energy[t] = law.energy(facet_stiffness[b], delta)
-        if wp.static(has_unlinked):
-            p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-            unlinked_energy[t] = law.closing_energy(facet_closing_stiffness[b], delta, p, m)
 
     return kernel(facet_energies, simd)
+
+
+@cache
+def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
+    """Per listed facet bond: the energy it holds, or would hold, unlinked [J]."""
+    geometry, law, real = face(s, k, central), facet(s), s.real
+
+    def facet_closing_energies(
+        # model
+        listed: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        closing_stiffness: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        # written
+        closing_energy: wp.array(dtype=real),
+    ):
+        t = wp.tid()
+        b = nn(listed[t])
+        delta, ci, cj = geometry.load_opening(
+            b, bond_i, bond_j, bond_arm, displacement, orientation
+        )
+        p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
+        closing_energy[t] = law.closing_energy(closing_stiffness[t], delta, p, m)
+
+    return kernel(facet_closing_energies, simd)
+
+
+@cache
+def facet_unlink(s: Laws, has_volume: bool, simd: bool = True):
+    """Pass over listed facet bonds: an unlinked bond has no stiffness."""
+    real = s.real
+
+    def facet_unlink(
+        listed: wp.array(dtype=int),
+        # state read
+        bond_linked: wp.array(dtype=real),
+        # written
+        facet_stiffness: wp.array(dtype=real),
+        bond_weight: wp.array(dtype=real),
+    ):
+        b = nn(listed[wp.tid()])
+        facet_stiffness[b] = bond_linked[b] * facet_stiffness[b]
+        if wp.static(has_volume):
+            bond_weight[b] = bond_linked[b] * bond_weight[b]
+
+    return kernel(facet_unlink, simd)

@@ -86,9 +86,9 @@ def criterion(s: Laws, kind: str):
 
 
 @cache
-def break_bonds(s: Laws, k: Laws, kind: str, simd: bool = True):
+def break_bonds(s: Laws, k: Laws, central: bool, kind: str, simd: bool = True):
     """Pass over listed bonds: those whose equivalent stress exceeds their strength unlink."""
-    geometry, law, equivalent = face(s, k), pair_tensor(s), criterion(s, kind)
+    geometry, law, equivalent = face(s, k, central), pair_tensor(s), criterion(s, kind)
     real, narrowed = s.real, narrow(s, k)
 
     def break_bonds(
@@ -119,8 +119,8 @@ def break_bonds(s: Laws, k: Laws, kind: str, simd: bool = True):
         n = s.embed(wp.normalize(p + m))
         traction = s.embed(s.load(bond_force, b)) / bond_area[b]
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
-        ci = narrowed(k.load(bond_arm, nn(2 * b)))
-        cj = narrowed(k.load(bond_arm, nn(2 * b + 1)))
+        ci = narrowed(geometry.load_arm(bond_arm, nn(2 * b)))
+        cj = narrowed(geometry.load_arm(bond_arm, nn(2 * b + 1)))
         qi = wp.dot(ci, ci - cj)
         qj = -wp.dot(cj, ci - cj)
         mean = (
@@ -148,7 +148,7 @@ def log_breaks(s: Laws, has_volume: bool, simd: bool = True):
         # state read
         bond_linked: wp.array(dtype=real),
         linked_energy: wp.array(dtype=real),
-        unlinked_energy: wp.array(dtype=real),
+        closing_energy: wp.array(dtype=real),
         element_release: wp.array(dtype=real),
         # written
         break_step: wp.array(dtype=int),
@@ -158,7 +158,7 @@ def log_breaks(s: Laws, has_volume: bool, simd: bool = True):
         l = wp.tid()
         b = listed[l]
         if bond_linked[b] == real(0.0) and break_step[b] == -1:
-            released = linked_energy[l] - unlinked_energy[l]
+            released = linked_energy[l] - closing_energy[l]
             if wp.static(has_volume):
                 released += element_release[bond_i[b]] + element_release[bond_j[b]]
             break_step[b] = step

@@ -5,16 +5,17 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow
+from .face import face
 from .memory import kernel, nn
 
 
 @cache
-def element_stress(s: Laws, k: Laws, slots: int, has_volume: bool, plane_strain: bool, simd: bool = True):
+def element_stress(s: Laws, k: Laws, central: bool, slots: int, has_volume: bool, plane_strain: bool, simd: bool = True):
     """Pass over listed elements: sigma_i = sym (1/V_i) sum c (x) F [Pa], tension positive.
 
     Plane strain adds sigma_zz = D m; in plane stress it is zero.
     """
-    real, narrowed = s.real, narrow(s, k)
+    real, geometry, narrowed = s.real, face(s, k, central), narrow(s, k)
 
     def element_stress(
         # model
@@ -35,7 +36,7 @@ def element_stress(s: Laws, k: Laws, slots: int, has_volume: bool, plane_strain:
         t = s.mat3()
         for slot in range(wp.static(slots)):
             entry = nn(incidence[nn(slot * elements + i)])
-            c0 = k.load(bond_arm, entry)
+            c0 = geometry.load_arm(bond_arm, entry)
             c = s.embed(narrowed(c0 + k.turn(q, c0)))
             f = s.embed(s.load(bond_force, nn(entry >> 1)))
             t += real(1 - 2 * (entry & 1)) * wp.outer(c, f)

@@ -46,9 +46,9 @@ def volume(s: Laws) -> Laws:
 
 
 @cache
-def face_dilation(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: bool = True):
+def face_dilation(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool = True):
     """Pass over bonds: each face's share of V E of its two elements (theory B4)."""
-    geometry, real, at = face(s, k), s.real, index(is_listed)
+    geometry, real, at = face(s, k, central), s.real, index(is_listed)
 
     def face_dilation(
         # model
@@ -56,11 +56,10 @@ def face_dilation(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: b
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
-        bond_weight: wp.array(dtype=real),
         # state read
+        bond_weight: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
-        bond_linked: wp.array(dtype=real),
         # written
         bond_dilation: wp.array(dtype=real),
         first: int,
@@ -70,8 +69,6 @@ def face_dilation(s: Laws, k: Laws, has_unlinked: bool, is_listed: bool, simd: b
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
         w = bond_weight[b]
-        if wp.static(has_unlinked):
-            w = bond_linked[b] * w
         bond_dilation[nn(2 * b)] = w * wp.dot(ci, delta)
         bond_dilation[nn(2 * b + 1)] = -w * wp.dot(cj, delta)
 
