@@ -1,1 +1,34 @@
 """warpdem: fracture of solids made of bonded elements, on NVIDIA Warp."""
+
+from . import experiments, packing
+from .bond import EVMBond
+from .criteria import DruckerPrager, HuberMisesHencky, Rankine
+from .errors import InputError, NonFiniteError
+from .material import Material
+from .observe import CrackTracker, Snapshot
+from .packing import Packing
+from .scene import Body, Scene
+from .simulation import Observer, Simulation
+from .write import UsdWriter
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Body",
+    "CrackTracker",
+    "DruckerPrager",
+    "EVMBond",
+    "HuberMisesHencky",
+    "InputError",
+    "Material",
+    "NonFiniteError",
+    "Observer",
+    "Packing",
+    "Rankine",
+    "Scene",
+    "Simulation",
+    "Snapshot",
+    "UsdWriter",
+    "experiments",
+    "packing",
+]

@@ -1,0 +1,173 @@
+"""The command line: `warpdem run NAME`, `warpdem info`."""
+
+import sys
+import time
+from enum import StrEnum
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from . import experiments
+from .experiments.mode_i import CRITERIA, PACKINGS
+from .errors import InputError, NonFiniteError
+from .observe import CrackTracker
+from .simulation import Observer, Simulation
+from .write.picture import unit_of
+from .write.record import describe_machine
+
+app = typer.Typer(help="Fracture of solids made of bonded elements.", no_args_is_help=True)
+run = typer.Typer(help="Run a published experiment.", no_args_is_help=True)
+app.add_typer(run, name="run")
+console = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+DEFAULT = experiments.ModeI()
+CriterionName = StrEnum("CriterionName", {c: c for c in CRITERIA})
+PackingName = StrEnum("PackingName", {c: c for c in PACKINGS})
+PrecisionName = StrEnum("PrecisionName", {c: c for c in ("float64", "float32", "mixed")})
+
+
+class CrackProgress:
+    """An observer that shows how far the crack has run, the rate and the time left."""
+
+    every = 20
+
+    def __init__(self, crack: CrackTracker, start: float, end: float) -> None:
+        self.crack, self.start, self.end = crack, start, end
+        self.scale, self.unit = unit_of(end)
+        self.told = time.perf_counter()
+        self.bar = Progress(
+            TextColumn("crack {task.fields[tip]:>5} of " + f"{end * self.scale:.4g} {self.unit}"),
+            BarColumn(),
+            TextColumn("{task.fields[rate]:.1f} million element-steps/s, left"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self.task = self.bar.add_task("crack", total=end - start, tip="", rate=0.0)
+        self.bar.start()
+
+    def observe(self, sim: Simulation) -> None:
+        """Move the bar, or print a line where there is no terminal."""
+        tip = self.crack.tip if np.isfinite(self.crack.tip) else self.start
+        shown = f"{tip * self.scale:.4g}"
+        self.bar.update(self.task, completed=tip - self.start, tip=shown, rate=sim.rate / 1e6)
+        if not console.is_terminal and time.perf_counter() - self.told > 5.0:
+            self.told = time.perf_counter()
+            console.print(
+                f"step {sim.steps}: crack {shown} of {self.end * self.scale:.4g} {self.unit}, "
+                f"{sim.rate / 1e6:.1f} million element-steps/s"
+            )
+
+    def finish(self, sim: Simulation) -> None:
+        """Leave the bar as it stands."""
+        self.bar.stop()
+
+
+@run.command("mode-i")
+def mode_i(
+    length: Annotated[float, typer.Option(help="Length of the plate [m].")] = DEFAULT.length,
+    height: Annotated[float, typer.Option(help="Height of the plate [m].")] = DEFAULT.height,
+    spacing: Annotated[float, typer.Option(help="Distance of elements [m].")] = DEFAULT.spacing,
+    notch: Annotated[float, typer.Option(help="Length of the notch [m].")] = DEFAULT.notch,
+    strain: Annotated[float, typer.Option(help="Strain across the crack.")] = DEFAULT.strain,
+    young: Annotated[float, typer.Option(help="Young's modulus [Pa].")] = DEFAULT.young,
+    poisson: Annotated[float, typer.Option(help="Poisson's ratio.")] = DEFAULT.poisson,
+    density: Annotated[float, typer.Option(help="Density [kg/m^3].")] = DEFAULT.density,
+    strength: Annotated[
+        float, typer.Option(help="Tensile strength of the weak plane at this spacing [Pa].")
+    ] = DEFAULT.strength,
+    bulk_strength: Annotated[
+        float, typer.Option(help="Strength elsewhere over the weak plane's; inf: unbreakable.")
+    ] = DEFAULT.bulk_strength,
+    criterion: Annotated[CriterionName, typer.Option(help="When a bond breaks.")] = CriterionName(
+        DEFAULT.criterion
+    ),
+    packing: Annotated[PackingName, typer.Option(help="Arrangement of elements.")] = PackingName(
+        DEFAULT.packing
+    ),
+    refine: Annotated[
+        int, typer.Option(help="Divide the spacing by this, at the same toughness.")
+    ] = DEFAULT.refine,
+    seed: Annotated[int, typer.Option(help="Seed of the Voronoi packing.")] = DEFAULT.seed,
+    precision: Annotated[
+        PrecisionName, typer.Option(help="Arithmetic; mixed: places in float64.")
+    ] = PrecisionName("float64"),
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/mode-i"),
+) -> None:
+    """A tensile crack along a weak plane of a strained plate: its speed over the Rayleigh speed."""
+    console.print(f"warpdem {version('warpdem')}: mode I crack in a strained plate")
+    parameters = experiments.ModeI(
+        length=length,
+        height=height,
+        spacing=spacing,
+        notch=notch,
+        strain=strain,
+        young=young,
+        poisson=poisson,
+        density=density,
+        strength=strength,
+        bulk_strength=bulk_strength,
+        criterion=str(criterion),
+        packing=str(packing),
+        refine=refine,
+        seed=seed,
+    )
+
+    def progress(_: Simulation, crack: CrackTracker) -> list[Observer]:
+        return [CrackProgress(crack, notch, crack.stop_at)]
+
+    result = experiments.mode_i(
+        parameters,
+        device=device,
+        precision=str(precision),
+        out=out,
+        observers=progress,
+        say=console.print,
+    )
+    if np.isfinite(result.speed_over_rayleigh):
+        console.print(
+            f"terminal speed / Rayleigh speed: {result.speed_over_rayleigh:.3f} "
+            f"(max - min of its windows {result.speed_spread:.3f}); "
+            f"Rayleigh speed {result.rayleigh_speed:.0f} m/s"
+        )
+    else:
+        console.print(
+            "the crack did not run far enough for a terminal speed; raise --strain or lower "
+            "--strength"
+        )
+    console.print(
+        f"energy error {result.energy_error:.1e}; broken bonds {result.broken_bonds}; "
+        f"{result.element_steps_per_second / 1e6:.1f} million element-steps/s; "
+        f"{result.seconds:.0f} s in all"
+    )
+    console.print(f"written to {out}: crack.png crack.usd broken_bonds.csv run.json")
+
+
+@app.command()
+def info() -> None:
+    """Versions and devices."""
+    machine = describe_machine()
+    console.print(f"python {machine['python']} on {machine['system']}")
+    for name, number in dict(machine["versions"]).items():  # type: ignore[call-overload]
+        console.print(f"{name} {number}")
+    for device in list(machine["devices"]):  # type: ignore[call-overload]
+        console.print(f"device {device}")
+
+
+def main() -> None:
+    """Run the command line; bad input ends with one sentence and exit status 2."""
+    try:
+        app()
+    except InputError as error:
+        errors.print(f"error: {error}", soft_wrap=True, markup=False)
+        sys.exit(2)
+    except NonFiniteError as error:
+        errors.print(f"stopped: {error}", soft_wrap=True, markup=False)
+        sys.exit(3)

@@ -1,0 +1,240 @@
+"""A tensile crack along a weak plane of a pre-strained plate (Shilko Fig. 4; theory C6)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from math import inf, nan, sqrt
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import packing
+from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine
+from ..errors import InputError, one_of, positive
+from ..material import Material
+from ..observe import CrackTracker, Snapshot
+from ..packing import Packing
+from ..scene import Scene
+from ..simulation import Observer, Simulation
+from ..write import UsdWriter
+from ..write.picture import draw_crack, unit_of
+from ..write.record import describe_machine
+from ..write.whole import folder, write_csv, write_json
+
+CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
+PACKINGS = ("hexagonal", "voronoi")
+RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
+GRIP_LAYERS = 2
+UNITS = {
+    "time": "s",
+    "x": "m",
+    "y": "m",
+    "z": "m",
+    "normal_stress": "Pa",
+    "shear_stress": "Pa",
+    "released_energy": "J",
+}
+
+
+@dataclass(frozen=True)
+class ModeI:
+    """What is simulated. SI units.
+
+    A plate in plane strain, uniformly strained by `strain` across a weak plane and gripped above
+    and below; at time zero a notch is cut into it suddenly, from its left edge along the plane.
+    The defaults are a glass plate of half a millimetre, whose strength gives it a toughness of
+    about 0.7 MPa sqrt(m) at this element size.
+    """
+
+    length: float = 480e-6
+    height: float = 168e-6
+    spacing: float = 1.6e-6
+    notch: float = 40e-6
+    strain: float = 0.0015
+    young: float = 75e9
+    poisson: float = 0.25
+    density: float = 2500.0
+    strength: float = 450e6  # tensile strength of the weak plane at `spacing`
+    bulk_strength: float = inf  # strength elsewhere over that of the weak plane
+    criterion: str = "drucker-prager"
+    packing: str = "hexagonal"
+    refine: int = 1  # divides the spacing; strength grows by its root, so that K_Ic stays
+    seed: int = 0  # of the Voronoi packing
+
+    def __post_init__(self) -> None:
+        one_of("criterion", self.criterion, CRITERIA)
+        one_of("packing", self.packing, PACKINGS)
+        for name in ("length", "height", "spacing", "notch", "strength", "bulk_strength"):
+            value = getattr(self, name)
+            if name != "bulk_strength" or np.isfinite(value):
+                positive(name, value, ())
+        if self.refine < 1:
+            raise InputError(f"refine is {self.refine}; it must be 1 or more.")
+        if self.notch >= 0.5 * self.length:
+            raise InputError("the notch must be shorter than half the plate's length.")
+        if not 0.0 < self.strain < 0.05:
+            raise InputError(f"strain is {self.strain:g}; give a small one, above 0, below 0.05.")
+
+    @property
+    def material(self) -> Material:
+        """The plate's material."""
+        return Material(self.young, self.poisson, self.density)
+
+    def fracture(self) -> Criterion:
+        """The criterion, its tensile strength scaled to the element size."""
+        tension = self.strength * sqrt(self.refine)
+        if self.criterion == "drucker-prager":
+            return DruckerPrager(compression=RATIO * tension, ratio=RATIO)
+        if self.criterion == "rankine":
+            return Rankine(tension)
+        return HuberMisesHencky(tension)
+
+    def build_packing(self) -> Packing:
+        """The plate's elements."""
+        size, spacing = (self.length, self.height), self.spacing / self.refine
+        if self.packing == "voronoi":
+            return packing.voronoi(size, spacing, seed=self.seed)
+        return packing.hexagonal(size, spacing)
+
+    @property
+    def plane_height(self) -> float:
+        """Height of the weak plane [m]: between two rows, next to the middle."""
+        pitch = sqrt(3.0) / 2.0 * self.spacing
+        return (round(self.height / pitch) // 2) * pitch
+
+
+@dataclass
+class ModeIResult:
+    """What came out. Speeds are over the Rayleigh speed of plane strain."""
+
+    speed_over_rayleigh: float
+    speed_spread: float
+    energy_error: float
+    broken_bonds: int
+    element_steps_per_second: float
+    seconds: float
+    steps: int
+    elements: int
+    bonds: int
+    dt: float
+    dt_limit: float
+    rayleigh_speed: float
+    window_length: NDArray = field(repr=False)
+    window_speed_over_rayleigh: NDArray = field(repr=False)
+    simulation: Simulation = field(repr=False)
+    crack: CrackTracker = field(repr=False)
+    field: Snapshot = field(repr=False)
+
+    def numbers(self) -> dict[str, object]:
+        """The result without the simulation itself."""
+        skipped = ("simulation", "crack", "field")
+        return {k: v for k, v in vars(self).items() if k not in skipped}
+
+
+def mode_i(
+    parameters: ModeI | None = None,
+    *,
+    device: str = "cpu",
+    precision: str = "float64",
+    out: str | Path | None = None,
+    observers: Callable[[Simulation, CrackTracker], list[Observer]] | None = None,
+    say: Callable[[str], None] = lambda line: None,
+    frames: int = 24,
+) -> ModeIResult:
+    """Run a mode I crack and measure its speed.
+
+    out: folder for crack.png, crack.usd, broken_bonds.csv and run.json; None writes nothing.
+    observers: makes further observers of the run; say: is told what happens, line by line;
+    frames: of the USD scene. Raises InputError for parameters that cannot be run.
+    """
+    began = time.perf_counter()
+    p = parameters or ModeI()
+    where = None if out is None else folder(out)
+    say("building the packing")
+    plate = p.build_packing()
+    scene = Scene()
+    body = scene.add(plate, p.material, fracture=p.fracture())
+    start, end = (-p.spacing, p.plane_height), (p.length + p.spacing, p.plane_height)
+    scene.set_strength(body, p.bulk_strength)
+    scene.set_strength(body, 1.0, start, end)
+    scene.cut(body, start, (p.notch, p.plane_height))
+    scene.strain(body, [[0.0, 0.0], [0.0, p.strain]])
+    for side in ("top", "bottom"):
+        scene.hold(body, plate.side(side, GRIP_LAYERS))
+
+    say("compiling kernels, once for each kind of scene; later runs take them from disk")
+    sim = Simulation(scene, device=device, precision=precision)
+    rayleigh = p.material.rayleigh_speed("strain")
+    window = p.length / 12.0
+    # the last twelfth of the plate feels the free edge and is left out
+    crack = CrackTracker(every=20, window=window, stop_at=p.length - window)
+    sim.observe(crack)
+    tip_place = p.notch + 0.6 * (p.length - p.notch)
+    picture = Snapshot(lambda _: crack.tip >= tip_place)
+    sim.observe(picture)
+    longest = 2.5 * (p.length - p.notch) / rayleigh
+    likely = round((p.length - p.notch) / (0.9 * rayleigh * sim.dt))
+    scale, unit = unit_of(p.length)
+    say(
+        f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
+        f"{sim.bytes / 1e6:.0f} MB; plate {p.length * scale:g} x {p.height * scale:g} {unit}"
+    )
+    say(f"dt {sim.dt:.4g} s, 0.8 of the stability limit {sim.dt_limit:.4g} s")
+    say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s; the notch opens suddenly")
+    if where is not None:
+        sim.observe(UsdWriter(where / "crack.usd", every=max(1, likely // frames)))
+    for observer in observers(sim, crack) if observers else []:
+        sim.observe(observer)
+    sim.run(until=longest)
+
+    result = ModeIResult(
+        speed_over_rayleigh=crack.speed / rayleigh,
+        speed_spread=crack.spread / rayleigh,
+        energy_error=sim.energy_error,
+        broken_bonds=len(crack.log),
+        element_steps_per_second=sim.rate,
+        seconds=nan,
+        steps=sim.steps,
+        elements=sim.model.elements,
+        bonds=sim.model.bonds,
+        dt=sim.dt,
+        dt_limit=sim.dt_limit,
+        rayleigh_speed=rayleigh,
+        window_length=crack.length,
+        window_speed_over_rayleigh=crack.window_speed / rayleigh,
+        simulation=sim,
+        crack=crack,
+        field=picture,
+    )
+    if where is not None:
+        _write(where, p, result, precision, tip_place)
+    result.seconds = time.perf_counter() - began
+    if where is not None:
+        record = {
+            "experiment": "mode-i",
+            "parameters": asdict(p) | {"precision": precision, "device": str(sim.device)},
+            **result.numbers(),
+            "energy": sim.energy(),
+            "machine": describe_machine(),
+        }
+        write_json(where / "run.json", record)
+    return result
+
+
+def _write(
+    where: Path, p: ModeI, result: ModeIResult, precision: str, tip: float
+) -> None:
+    write_csv(where / "broken_bonds.csv", result.crack.log, UNITS)
+    draw_crack(
+        where / "crack.png",
+        result.crack,
+        result.field,
+        result.rayleigh_speed,
+        f"Mode I crack, strain {p.strain:g}, {result.elements} elements, {precision}",
+        crack_line=(0.0, p.plane_height),
+        tip=tip,
+        reach=0.16 * p.length,
+    )

@@ -1,0 +1,36 @@
+"""A picture of all elements at one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import Array
+
+if TYPE_CHECKING:
+    from ..simulation import Simulation
+
+
+class Snapshot:
+    """Keeps places and velocities the first time a condition holds, looking every `every` steps.
+
+    After it was taken: time [s], position [m] and velocity [m/s] (n, dim), tip of the condition's
+    choosing; `taken` says whether it was.
+    """
+
+    def __init__(self, when: Callable[[Simulation], bool], every: int = 20) -> None:
+        self.every, self.when, self.taken = every, when, False
+        self.time = np.nan
+        self.position: Array = np.zeros((0, 2))
+        self.velocity: Array = np.zeros((0, 2))
+
+    def observe(self, sim: Simulation) -> None:
+        """Take it, if it is time."""
+        if not self.taken and self.when(sim):
+            self.taken, self.time = True, sim.time
+            self.position, self.velocity = sim.position, sim.velocity
+
+    def finish(self, sim: Simulation) -> None:
+        """Nothing is left to do."""

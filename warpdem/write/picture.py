@@ -1,0 +1,132 @@
+"""Pictures of a crack run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.interpolate import griddata
+
+from ..errors import Array
+from ..observe import CrackTracker, Snapshot
+from .whole import whole
+
+
+def unit_of(length: float) -> tuple[float, str]:
+    """A factor and a unit in which a length [m] is a handy number."""
+    for factor, name in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
+        if length * factor >= 0.9:
+            return factor, name
+    return 1e9, "nm"
+
+
+def draw_crack(
+    path: Path,
+    crack: CrackTracker,
+    field: Snapshot,
+    reference_speed: float,
+    title: str,
+    crack_line: tuple[float, float],
+    tip: float,
+    reach: float,
+) -> None:
+    """Speed against crack length, and the velocity field near the tip at one instant.
+
+    reference_speed [m/s]: of Rayleigh waves; crack_line: start x and height y of the crack [m];
+    tip: its tip in the field [m]; reach: half the width of the piece of the field shown [m].
+    """
+    factor, unit = unit_of(crack.length.max(initial=reach))
+    fig, (left, right) = plt.subplots(
+        1, 2, figsize=(13, 5), gridspec_kw={"width_ratios": [1, 1.5]}, layout="constrained"
+    )
+    fig.suptitle(title)
+    left.axhline(1.0, color="0.4", ls="--", lw=1)
+    left.text(0.0, 1.01, "Rayleigh wave speed", color="0.3", va="bottom")
+    if len(crack.length):
+        left.plot(crack.length * factor, crack.window_speed / reference_speed, "o-", color="C0")
+        late = crack.length > 0.5 * (crack.length[-1] + 0.5 * (crack.window or 0.0))
+        mean = crack.speed / reference_speed
+        left.plot(crack.length[late] * factor, np.full(late.sum(), mean), color="C3", lw=2)
+        left.text(
+            crack.length[late].mean() * factor,
+            mean - 0.05,
+            f"mean of the last half: {mean:.3f}",
+            color="C3",
+            ha="center",
+            va="top",
+        )
+    left.set(
+        xlabel=f"crack growth [{unit}]",
+        ylabel="crack speed / Rayleigh wave speed",
+        ylim=(0.0, 1.2),
+        title="Crack speed from break times",
+    )
+    left.set_xlim(left=0.0)
+    if field.taken:
+        _draw_field(right, field, crack_line, tip, reach, factor, unit)
+    else:
+        right.set_axis_off()
+        right.text(0.5, 0.5, "the crack did not run far enough\nfor a picture of its tip", ha="center")
+    with whole(path) as part:
+        fig.savefig(part, dpi=130)
+    plt.close(fig)
+
+
+def _draw_field(
+    ax: plt.Axes,
+    field: Snapshot,
+    crack_line: tuple[float, float],
+    tip: float,
+    reach: float,
+    factor: float,
+    unit: str,
+) -> None:
+    start, height = crack_line
+    x = field.position - [tip, height]
+    near = (np.abs(x[:, 0]) < 1.1 * reach) & (np.abs(x[:, 1]) < 0.75 * reach)
+    grid = np.meshgrid(np.linspace(-reach, reach, 161), np.linspace(-0.65 * reach, 0.65 * reach, 105))
+    vx, vy = (_on_grid(x[near], field.velocity[near, axis], grid) for axis in (0, 1))
+    step = grid[0][0, 1] - grid[0][0, 0]
+    spin = np.gradient(vy, step, axis=1) - np.gradient(vx, step, axis=0)
+    spin *= 0.5
+    limit = np.nanpercentile(np.abs(spin), 97.0)
+    image = ax.pcolormesh(
+        (grid[0] + tip) * factor,
+        (grid[1] + height) * factor,
+        spin,
+        cmap="RdBu_r",
+        vmin=-limit,
+        vmax=limit,
+        shading="gouraud",
+        rasterized=True,
+    )
+    plt.colorbar(image, ax=ax, label="rotation rate of the material [rad/s]", shrink=0.8)
+    some = (slice(None, None, 5), slice(None, None, 5))
+    size = np.hypot(vx, vy)[some]
+    # arrows show direction and, by the root of the speed, also the slow motion of the vortices
+    scale = 1.0 / np.sqrt(np.maximum(size, 1e-30))
+    ax.quiver(
+        (grid[0][some] + tip) * factor,
+        (grid[1][some] + height) * factor,
+        vx[some] * scale,
+        vy[some] * scale,
+        width=0.0018,
+        color="0.1",
+    )
+    left = max(start, tip - reach)
+    ax.plot(np.array([left, tip]) * factor, np.full(2, height) * factor, color="k", lw=2.5)
+    ax.plot(tip * factor, height * factor, ">", color="k", ms=9)
+    ax.set(
+        xlabel=f"x [{unit}]",
+        ylabel=f"y [{unit}]",
+        aspect="equal",
+        title="Velocity near the tip (arrow length ~ root of speed); black: crack",
+    )
+
+
+def _on_grid(place: Array, value: Array, grid: list[Array]) -> Array:
+    return griddata(place, value, (grid[0], grid[1]), method="linear")

@@ -1,0 +1,152 @@
+"""USD scenes for visual review: elements as points, broken bonds as curves."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import colormaps
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+
+from ..errors import Array, InputError, one_of
+from .whole import folder, temporary
+
+if TYPE_CHECKING:
+    from ..simulation import Simulation
+
+FIELDS = ("velocity", "mean_stress", "von_mises", "damage")
+FRAMES_PER_SECOND = 24.0
+
+
+class UsdWriter:
+    """Writes a frame every `every` steps; the file appears when the run is over.
+
+    Elements are one `UsdGeom.Points`, /World/elements, with widths, ids and the fields velocity
+    [m/s], mean_stress [Pa], von_mises [Pa] and damage as primvars; broken bonds are linear curves,
+    /World/broken_bonds. Lengths are in metres, z is up, a plane scene lies at z = 0. One time code
+    is one frame; the simulated time [s] of each is the attribute `warpdem:time` of /World.
+
+    color: the field shown as displayColor, scaled by its values in the first frame that has any.
+    """
+
+    def __init__(self, path: str | Path, every: int = 100, color: str = "von_mises") -> None:
+        one_of("color", color, FIELDS)
+        self.path, self.every, self.color = Path(path), every, color
+        if self.path.suffix not in (".usd", ".usda", ".usdc"):
+            raise InputError(f"{self.path.name} must end in .usd, .usda or .usdc.")
+        folder(self.path.parent)
+        self._stage: Usd.Stage | None = None
+        self._frame = 0
+        self._range = 0.0
+
+    def observe(self, sim: Simulation) -> None:
+        """Add a frame."""
+        stage = self._stage or self._open(sim)
+        time = Usd.TimeCode(self._frame)
+        stage.GetDefaultPrim().GetAttribute("warpdem:time").Set(sim.time, time)
+        place = _in_space(sim.position)
+        self._write_elements(sim, place, time)
+        self._write_broken(sim, place, time)
+        stage.SetEndTimeCode(self._frame)
+        self._frame += 1
+
+    def finish(self, sim: Simulation) -> None:
+        """Save the file under its own name; a later run starts it anew."""
+        if self._stage is None:
+            return
+        part = temporary(self.path)
+        self._stage.GetRootLayer().Save()
+        self._stage = None
+        os.replace(part, self.path)
+        self._frame = 0
+
+    def _open(self, sim: Simulation) -> Usd.Stage:
+        part = temporary(self.path)
+        part.unlink(missing_ok=True)
+        stage = Usd.Stage.CreateNew(str(part))
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
+        stage.SetStartTimeCode(0)
+        world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
+        stage.SetDefaultPrim(world)
+        world.CreateAttribute("warpdem:time", Sdf.ValueTypeNames.Double)
+        packings = [b.packing for b in sim.scene.bodies]
+        self._width = np.concatenate([np.full(len(p), p.spacing) for p in packings])
+
+        points = UsdGeom.Points.Define(stage, "/World/elements")
+        points.CreateWidthsAttr(Vt.FloatArray.FromNumpy(self._width.astype(np.float32)))
+        points.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
+        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(np.arange(len(self._width))))
+        api = UsdGeom.PrimvarsAPI(points)
+        kinds = {"velocity": Sdf.ValueTypeNames.Vector3fArray}
+        self._primvars = {
+            name: api.CreatePrimvar(
+                name, kinds.get(name, Sdf.ValueTypeNames.FloatArray), UsdGeom.Tokens.vertex
+            )
+            for name in FIELDS
+        }
+        self._points = points
+        self._colors = points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
+
+        curves = UsdGeom.BasisCurves.Define(stage, "/World/broken_bonds")
+        curves.CreateTypeAttr(UsdGeom.Tokens.linear)
+        curves.CreateWidthsAttr([float(0.2 * self._width.mean())])
+        curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
+        curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(0.85, 0.1, 0.1)])
+        self._curves = curves
+        self._stage = stage
+        return stage
+
+    def _write_elements(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
+        stress = sim.stress
+        mean = np.trace(stress, axis1=1, axis2=2) / 3.0
+        deviator = stress - mean[:, None, None] * np.eye(3)
+        fields = {
+            "velocity": _in_space(sim.velocity),
+            "mean_stress": mean,
+            "von_mises": np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))),
+            "damage": sim.damage,
+        }
+        self._points.GetPointsAttr().Set(_vectors(place), time)
+        self._points.GetExtentAttr().Set(_extent(place, self._width), time)
+        for name, value in fields.items():
+            array = _vectors(value) if value.ndim == 2 else Vt.FloatArray.FromNumpy(_single(value))
+            self._primvars[name].Set(array, time)
+        shown = fields[self.color]
+        shown = np.linalg.norm(shown, axis=1) if shown.ndim == 2 else np.abs(shown)
+        if self._range == 0.0:
+            self._range = 2.0 * float(np.percentile(shown, 99.0))
+        share = shown / self._range if self._range > 0.0 else np.zeros_like(shown)
+        self._colors.Set(_vectors(colormaps["viridis"](np.clip(share, 0, 1))[:, :3]), time)
+
+    def _write_broken(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
+        ends = place[sim.bonds[~sim.linked]].reshape(-1, 3)
+        self._curves.GetPointsAttr().Set(_vectors(ends), time)
+        counts = np.full(len(ends) // 2, 2, dtype=np.int32)
+        self._curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), time)
+        width = np.full(len(ends), 0.2 * self._width.mean())
+        self._curves.GetExtentAttr().Set(_extent(ends, width), time)
+
+
+def _in_space(v: Array) -> Array:
+    return v if v.shape[1] == 3 else np.column_stack([v, np.zeros(len(v))])
+
+
+def _single(v: NDArray) -> NDArray[np.float32]:
+    return np.ascontiguousarray(v, dtype=np.float32)
+
+
+def _vectors(v: NDArray) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(_single(v).reshape(-1, 3))
+
+
+def _extent(place: Array, width: Array) -> Vt.Vec3fArray:
+    if len(place) == 0:
+        return Vt.Vec3fArray([Gf.Vec3f(0.0), Gf.Vec3f(0.0)])
+    # from the rounded points, as a reader sees them
+    points, half = _single(place), _single(0.5 * width)[:, None]
+    return _vectors(np.stack([(points - half).min(axis=0), (points + half).max(axis=0)]))

@@ -1,0 +1,78 @@
+"""Files that appear under their final name only when they are whole."""
+
+import csv
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+
+
+def temporary(path: Path) -> Path:
+    """A name beside `path` with its ending, under which it is written until it is whole."""
+    return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+
+
+@contextmanager
+def whole(path: str | Path) -> Iterator[Path]:
+    """Yields a temporary name beside `path`, renamed to it at the end, removed on any error."""
+    final = Path(path)
+    part = temporary(final)
+    try:
+        yield part
+        os.replace(part, final)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def folder(path: str | Path) -> Path:
+    """Make a folder for output and make sure that it can be written to.
+
+    Raises InputError if it cannot.
+    """
+    out = Path(path)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"cannot write into the folder {out}: {error.strerror}; choose another one."
+        ) from None
+    return out
+
+
+def write_json(path: Path, data: dict[str, Any]) -> None:
+    """Strict JSON: a number that is not finite is written as null."""
+    with whole(path) as part:
+        part.write_text(json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
+
+
+def write_csv(path: Path, rows: NDArray[np.void], units: dict[str, str]) -> None:
+    """A structured array as CSV, its first line the names with units in brackets."""
+    with whole(path) as part, part.open("w", newline="") as file:
+        writer = csv.writer(file)
+        names = rows.dtype.names or ()
+        writer.writerow(f"{n} [{units[n]}]" if n in units else n for n in names)
+        writer.writerows(row.tolist() for row in rows)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
