@@ -12,6 +12,7 @@ from scipy.spatial import Voronoi, cKDTree
 from .errors import Array, InputError, finite, first_ids, one_of, positive
 
 Mask = NDArray[np.bool_]
+SIDES = ("left", "right", "bottom", "top", "back", "front")  # along x, y, z
 
 
 @dataclass(frozen=True)
@@ -190,6 +191,7 @@ class Packing:
             if depth is None:
                 low, high = self.position[:, 2].min(), self.position[:, 2].max()
                 reach = high - low + 2.0 * self.spacing
+                edge = edge * [1.0, 1.0, 0.0]
                 lift = np.array([0.0, 0.0, low - self.spacing - a[2]])
                 xi, xj = xi - lift, xj - lift
                 depth = [0.0, 0.0, reach]
@@ -251,9 +253,8 @@ def fcc(size: Sequence[float], spacing: float) -> Packing:
     _filled(*counts)
     sites = np.indices(counts).reshape(3, -1).T
     sites = sites[sites.sum(axis=1) % 2 == 0]
-    names = (("left", "right"), ("bottom", "top"), ("back", "front"))
     sides = {}
-    for axis, (low, high) in enumerate(names):
+    for axis, (low, high) in enumerate(zip(SIDES[::2], SIDES[1::2], strict=True)):
         sides[low] = sites[:, axis] == 0
         sides[high] = sites[:, axis] == counts[axis] - 1
     return _lattice(
@@ -268,40 +269,44 @@ def fcc(size: Sequence[float], spacing: float) -> Packing:
 def voronoi(
     size: Sequence[float],
     spacing: float,
-    plane: str = "strain",
+    plane: str | None = "strain",
     thickness: float = 1.0,
     seed: int = 0,
     relaxations: int = 20,
 ) -> Packing:
-    """Random Voronoi cells filling a plane box from (0, 0), relaxed towards their centroids.
+    """Random Voronoi cells filling a box from the origin, relaxed towards their centroids.
 
-    size: width and height [m]; spacing [m]: of a hexagonal packing with as many elements;
-    seed: of the random centres; relaxations: Lloyd sweeps, 0 for raw random cells, which cost a
-    several times smaller time step (theory B8). Cells are clipped at the box.
+    size: two edges [m] of a plane box, or three of one in space, where plane and thickness have no
+    meaning; spacing [m]: of a hexagonal (fcc) packing with as many elements; seed: of the random
+    centres; relaxations: Lloyd sweeps, 0 for raw random cells, which cost a several times smaller
+    time step (theory B8). Cells are clipped at the box.
     """
-    _box(size, spacing, 2)
+    dim = len(size)
+    if dim not in (2, 3):
+        raise InputError(f"size has {dim} entries; give two for the plane, three for space.")
+    _box(size, spacing, dim)
     box = np.asarray(size, dtype=np.float64)
-    count = round(box.prod() / (sqrt(3.0) / 2.0 * spacing**2))
-    _filled(count)
-    points = np.random.default_rng(seed).random((count, 2)) * box
+    cell = sqrt(3.0) / 2.0 * spacing**2 if dim == 2 else spacing**3 / sqrt(2.0)
+    count = round(box.prod() / cell)
+    if count < dim + 2:
+        raise InputError("the box holds too few elements; enlarge size or reduce spacing.")
+    points = np.random.default_rng(seed).random((count, dim)) * box
     points = points[cKDTree(points).indices]  # neighbours in space are neighbours in memory
     for _ in range(relaxations):
-        cells = _PlaneCells(points, box, spacing)
-        points = cells.centroid()
-    cells = _PlaneCells(points, box, spacing)
-    inside = cells.pair[:, 1] < count
+        points = _Cells(points, box, spacing).centroid
+    cells = _Cells(points, box, spacing)
+    inside = cells.wall < 0
     i, j = cells.pair[inside].T
     order = np.lexsort((j, i))
     bonds = np.stack([i, j], axis=1)[order]
-    middle = cells.ends[inside][order].mean(axis=1)
-    arms = middle[:, None, :] - points[bonds]
+    thickness = thickness if dim == 2 else 1.0
     return Packing(
         position=points,
-        volume=cells.area() * thickness,
+        volume=cells.volume * thickness,
         bonds=bonds,
-        area=cells.length[inside][order] * thickness,
-        arms=arms,
-        plane=plane,
+        area=cells.area[inside][order] * thickness,
+        arms=cells.middle[inside][order][:, None, :] - points[bonds],
+        plane=plane if dim == 2 else None,
         thickness=thickness,
         spacing=spacing,
         sides=cells.sides(),
@@ -358,64 +363,75 @@ def _lattice(
     )
 
 
-class _PlaneCells:
-    """Voronoi cells clipped at a box by mirror images of the centres near its edges."""
+class _Cells:
+    """Voronoi cells clipped at a box by mirror images of the centres near its sides.
+
+    Faces: pair (f, 2) of centres, or centre and image; wall (f,) the side of the box that the face
+    lies on, or -1; area and middle (centroid) of the face. Cells: volume and centroid.
+    """
 
     def __init__(self, points: Array, box: Array, spacing: float) -> None:
-        self.points, self.box = points, box
+        n, dim = points.shape
         band = 8.0 * spacing
-        images, origin, walls = [points], [np.arange(len(points))], [np.full(len(points), -1)]
-        for axis in (0, 1):
-            for wall, at in enumerate((0.0, box[axis])):
+        images, origin, walls = [points], [np.arange(n)], [np.full(n, -1)]
+        for axis in range(dim):
+            for end, at in enumerate((0.0, box[axis])):
                 near = np.flatnonzero(np.abs(points[:, axis] - at) < band)
                 image = points[near].copy()
                 image[:, axis] = 2.0 * at - image[:, axis]
                 images.append(image)
                 origin.append(near)
-                walls.append(np.full(len(near), 2 * axis + wall))
+                walls.append(np.full(len(near), 2 * axis + end))
         cells = Voronoi(np.concatenate(images))
-        pair = cells.ridge_points
-        pair = np.where(pair[:, :1] < pair[:, 1:], pair, pair[:, ::-1])
-        keep = pair[:, 0] < len(points)
-        vertices = np.asarray(cells.ridge_vertices)[keep]
-        self.pair, self.ends = pair[keep], cells.vertices[vertices]
-        self.wall = np.concatenate(walls)[self.pair[:, 1]]
-        # of an outer face only the one to the own image counts; others have no length
-        own = np.concatenate(origin)[self.pair[:, 1]] == self.pair[:, 0]
-        self.length = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)
-        true = (self.length > 1e-12 * spacing) & ((self.wall < 0) | own)
-        self.pair, self.ends = self.pair[true], self.ends[true]
-        self.wall, self.length = self.wall[true], self.length[true]
-
-    def _triangles(self, side: int) -> tuple[NDArray[np.int64], Array, Array]:
-        inside = self.pair[:, side] < len(self.points)
-        owner = self.pair[inside, side]
-        a, b = self.ends[inside, 0], self.ends[inside, 1]
-        x = self.points[owner]
-        u, v = a - x, b - x
-        return owner, 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), (a + b + x) / 3.0
-
-    def area(self) -> Array:
-        total = np.zeros(len(self.points))
+        pair = np.sort(cells.ridge_points, axis=1)
+        # outer faces are those between a centre and its own image
+        own = np.concatenate(origin)[pair[:, 1]] == pair[:, 0]
+        wall = np.concatenate(walls)[pair[:, 1]]
+        keep = (pair[:, 0] < n) & ((wall < 0) | own)
+        self.pair, self.wall = pair[keep], wall[keep]
+        vertices = [cells.ridge_vertices[f] for f in np.flatnonzero(keep)]
+        self.area, self.middle = _faces(cells.vertices, vertices)
+        true = self.area > 1e-12 * spacing ** (dim - 1)
+        self.pair, self.wall = self.pair[true], self.wall[true]
+        self.area, self.middle = self.area[true], self.middle[true]
+        self.volume, moment = np.zeros(n), np.zeros((n, dim))
         for side in (0, 1):
-            owner, area, _ = self._triangles(side)
-            np.add.at(total, owner, area)
-        return total
-
-    def centroid(self) -> Array:
-        moment = np.zeros_like(self.points)
-        for side in (0, 1):
-            owner, area, middle = self._triangles(side)
-            np.add.at(moment, owner, area[:, None] * middle)
-        return moment / self.area()[:, None]
+            owner = self.pair[:, side] < n
+            centre = points[self.pair[owner, side]]
+            other = np.concatenate(images)[self.pair[owner, 1 - side]]
+            # a cell is the cones from its centre to its faces
+            cone = self.area[owner] * np.linalg.norm(other - centre, axis=1) / (2 * dim)
+            np.add.at(self.volume, self.pair[owner, side], cone)
+            middle = (dim * self.middle[owner] + centre) / (dim + 1)
+            np.add.at(moment, self.pair[owner, side], cone[:, None] * middle)
+        self.centroid = moment / self.volume[:, None]
 
     def sides(self) -> dict[str, Mask]:
         masks = {}
-        for wall, name in enumerate(("left", "right", "bottom", "top")):
-            mask = np.zeros(len(self.points), dtype=bool)
+        for wall, name in enumerate(SIDES[: 2 * self.middle.shape[1]]):
+            mask = np.zeros(len(self.volume), dtype=bool)
             mask[self.pair[self.wall == wall, 0]] = True
             masks[name] = mask
         return masks
+
+
+def _faces(vertices: Array, faces: list[list[int]]) -> tuple[Array, Array]:
+    """Area (in the plane: length) and centroid of convex faces given by their vertices in order."""
+    count = np.array([len(f) for f in faces])
+    first = np.cumsum(count) - count
+    v = vertices[np.concatenate(faces)]
+    if vertices.shape[1] == 2:
+        a, b = v[first], v[first + 1]
+        return np.linalg.norm(b - a, axis=1), 0.5 * (a + b)
+    # a fan of triangles from each face's first vertex
+    face = np.repeat(np.arange(len(faces)), count - 2)
+    step = np.arange(len(face)) - np.repeat(np.cumsum(count - 2) - (count - 2), count - 2)
+    a, b, c = v[first[face]], v[first[face] + step + 1], v[first[face] + step + 2]
+    triangle = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = np.bincount(face, triangle, len(faces))
+    moment = np.zeros((len(faces), 3))
+    np.add.at(moment, face, triangle[:, None] * (a + b + c) / 3.0)
+    return area, moment / np.maximum(area, 1e-300)[:, None]
 
 
 def _box(size: Sequence[float], spacing: float, dim: int) -> None:

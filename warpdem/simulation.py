@@ -1,7 +1,6 @@
 """A scene in motion: stable time step, runs, observers, guards."""
 
 import time
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -206,6 +205,11 @@ class Simulation:
         return self._step.download("bond_force")[:-1].astype(np.float64)
 
     @property
+    def bond_energy(self) -> Array:
+        """Energy that every linked bond holds [J], (b,)."""
+        return self._step.bond_energy()
+
+    @property
     def bonds(self) -> NDArray[np.int64]:
         """Element ids of every bond, (b, 2)."""
         return np.stack([self.model.bond_i, self.model.bond_j], axis=1).astype(np.int64)
@@ -350,7 +354,6 @@ def stress_tensor(columns: ArrayLike) -> Array:
 
 
 def _device(name: str) -> str:
-    wp.config.quiet = True
     wp.init()
     names = [str(d) for d in wp.get_devices()]
     if name == "cuda" and any(n.startswith("cuda") for n in names):
@@ -359,5 +362,3 @@ def _device(name: str) -> str:
         raise InputError(f"device is {name!r}; this machine has {', '.join(names)}.")
     return name
 
-
-ProgressCallback = Callable[[float], None]

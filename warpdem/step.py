@@ -144,6 +144,11 @@ class Step:
             "integrator": self._sum("integrator_energy") + self.integrator_released,
         }
 
+    def bond_energy(self) -> NDArray[np.float64]:
+        """Energy of every linked bond [J], (b,)."""
+        self.energies()
+        return self.download("linked_energy").astype(np.float64)
+
     # -- arrays -----------------------------------------------------------------------------------
 
     def upload(self, name: str, value: NDArray) -> None:

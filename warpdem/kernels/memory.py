@@ -9,6 +9,8 @@ from functools import cache
 
 import warp as wp
 
+wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no line for every kernel loaded
+
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
@@ -43,7 +45,8 @@ def simd_flags() -> str | None:
     codegen.cpu_module_template_forward = template.replace(_LOOP, _PRAGMA + _LOOP)
     return (
         (wp.config.cpu_compiler_flags or "")
-        + " -ffp-contract=fast -fno-signed-zeros -mprefer-vector-width=512 -DWARPDEM_SIMD=1"
+        + " -ffp-contract=fast -fno-signed-zeros -mprefer-vector-width=512 -Wno-pass-failed"
+        + " -DWARPDEM_SIMD=1"
     )
 
 

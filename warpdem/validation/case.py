@@ -1,0 +1,70 @@
+"""What a validation case is, and the list of them."""
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from ..errors import one_of
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One quantity, as a case yields it: its error must not be above the limit."""
+
+    quantity: str
+    reference: float
+    source: str
+    measured: float
+    error: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class Check(Measurement):
+    """A measurement with the case it belongs to and the seconds the case took."""
+
+    case: str
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is within its limit; never, if it is not a number."""
+        return self.error <= self.limit
+
+
+@dataclass(frozen=True)
+class Case:
+    """A named case of a group."""
+
+    name: str
+    group: str
+    slow: bool
+    measure: Callable[[], Iterable[Measurement]]
+
+    def run(self) -> list[Check]:
+        """Measure it."""
+        began = time.perf_counter()
+        found = list(self.measure())
+        seconds = time.perf_counter() - began
+        return [Check(**vars(m), case=self.name, seconds=seconds) for m in found]
+
+
+CASES: dict[str, Case] = {}
+
+
+def case(group: str, slow: bool = False) -> Callable[[Callable], Callable]:
+    """Register a function that yields measurements, under its own name."""
+
+    def register(measure: Callable[[], Iterable[Measurement]]) -> Callable:
+        name = measure.__name__.replace("_", "-")
+        CASES[name] = Case(name, group, slow, measure)
+        return measure
+
+    return register
+
+
+def cases(group: str | None = None) -> list[Case]:
+    """All cases, or those of one group."""
+    if group is not None:
+        one_of("group", group, sorted({c.group for c in CASES.values()}))
+    return [c for c in CASES.values() if group in (None, c.group)]
