@@ -1,5 +1,6 @@
 """The command line: `warpdem run NAME`, `warpdem info`."""
 
+import json
 import sys
 import time
 from enum import StrEnum
@@ -13,12 +14,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import experiments
-from .experiments.mode_i import CRITERIA, PACKINGS
 from .errors import InputError, NonFiniteError
+from .experiments.mode_i import CRITERIA, PACKINGS
 from .observe import CrackTracker
-from .simulation import Observer, Simulation
+from .simulation import PRECISIONS, Observer, Simulation
+from .validation import Check, as_markdown, cases
 from .write.picture import unit_of
 from .write.record import describe_machine
+from .write.whole import write_text
 
 app = typer.Typer(help="Fracture of solids made of bonded elements.", no_args_is_help=True)
 run = typer.Typer(help="Run a published experiment.", no_args_is_help=True)
@@ -29,7 +32,10 @@ errors = Console(stderr=True, highlight=False)
 DEFAULT = experiments.ModeI()
 CriterionName = StrEnum("CriterionName", {c: c for c in CRITERIA})
 PackingName = StrEnum("PackingName", {c: c for c in PACKINGS})
-PrecisionName = StrEnum("PrecisionName", {c: c for c in ("float64", "float32", "mixed")})
+PrecisionName = StrEnum("PrecisionName", {c: c for c in PRECISIONS})
+DEFAULT_CRITERION = CriterionName(DEFAULT.criterion)
+DEFAULT_PACKING = PackingName(DEFAULT.packing)
+DEFAULT_PRECISION = PrecisionName("float64")
 
 
 class CrackProgress:
@@ -85,19 +91,19 @@ def mode_i(
     bulk_strength: Annotated[
         float, typer.Option(help="Strength elsewhere over the weak plane's; inf: unbreakable.")
     ] = DEFAULT.bulk_strength,
-    criterion: Annotated[CriterionName, typer.Option(help="When a bond breaks.")] = CriterionName(
-        DEFAULT.criterion
-    ),
-    packing: Annotated[PackingName, typer.Option(help="Arrangement of elements.")] = PackingName(
-        DEFAULT.packing
-    ),
+    criterion: Annotated[
+        CriterionName, typer.Option(help="When a bond breaks.")
+    ] = DEFAULT_CRITERION,
+    packing: Annotated[
+        PackingName, typer.Option(help="Arrangement of elements.")
+    ] = DEFAULT_PACKING,
     refine: Annotated[
         int, typer.Option(help="Divide the spacing by this, at the same toughness.")
     ] = DEFAULT.refine,
     seed: Annotated[int, typer.Option(help="Seed of the Voronoi packing.")] = DEFAULT.seed,
     precision: Annotated[
         PrecisionName, typer.Option(help="Arithmetic; mixed: places in float64.")
-    ] = PrecisionName("float64"),
+    ] = DEFAULT_PRECISION,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/mode-i"),
 ) -> None:
@@ -148,6 +154,44 @@ def mode_i(
         f"{result.seconds:.0f} s in all"
     )
     console.print(f"written to {out}: crack.png crack.usd broken_bonds.csv run.json")
+
+
+@app.command()
+def validate(
+    group: Annotated[str | None, typer.Argument(help="Group of cases; all by default.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a list of objects.")] = False,
+    slow: Annotated[bool, typer.Option(help="Run the cases that take minutes as well.")] = True,
+    write: Annotated[
+        Path | None, typer.Option(help="Also write the table as a Markdown file.")
+    ] = None,
+) -> None:
+    """Measure the code against theory; exit status 1 if a limit is missed."""
+    checks: list[Check] = []
+    for case in cases(group):
+        if case.slow and not slow:
+            continue
+        found = case.run()
+        checks += found
+        if not as_json:
+            console.print(f"{case.name} ({found[0].seconds:.1f} s)", style="bold")
+            for check in found:
+                mark = "ok  " if check.passed else "MISS"
+                console.print(
+                    f"  {mark} {check.quantity}: measured {check.measured:.6g}, reference "
+                    f"{check.reference:.6g} ({check.source}), error {check.error:.2g}, limit "
+                    f"{check.limit:.2g}",
+                    soft_wrap=True,
+                )
+    missed = sum(not check.passed for check in checks)
+    if as_json:
+        keys = ("case", "quantity", "reference", "source", "measured", "error", "limit", "seconds")
+        print(json.dumps([{k: getattr(c, k) for k in keys} for c in checks], indent=1))
+    else:
+        console.print(f"{len(checks)} checks, {missed} missed")
+    if write is not None:
+        write_text(write, as_markdown(checks))
+    if missed:
+        raise typer.Exit(1)
 
 
 @app.command()

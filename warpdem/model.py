@@ -263,7 +263,9 @@ def _add_faces(model: Model, stored: list[Body]) -> None:
 
 def _is_central(bodies: list[Body]) -> bool:
     arms = [b.packing.arms for b in bodies if b.packing.arms is not None]
-    return all(np.abs(a.sum(axis=1)).max(initial=0.0) <= 1e-12 * np.abs(a).max(initial=0.0) for a in arms)
+    return all(
+        np.abs(a.sum(axis=1)).max(initial=0.0) <= 1e-12 * np.abs(a).max(initial=0.0) for a in arms
+    )
 
 
 def _add_laws(model: Model, stored: list[Body]) -> None:

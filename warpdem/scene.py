@@ -183,7 +183,7 @@ class Scene:
         exposed = body.packing.exposed_area[ids]
         total = exposed.sum(axis=0)
         size = np.linalg.norm(total)
-        if not size > 1e-9 * np.linalg.norm(exposed, axis=1).sum():
+        if not size > 1e-9 * np.linalg.norm(body.packing.exposed_area, axis=1).sum():
             raise InputError("the chosen elements have no free surface on one side to pull at.")
         body.force[ids] += np.maximum(exposed @ (total / size), 0.0)[:, None] * t
 

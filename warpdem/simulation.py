@@ -57,7 +57,9 @@ class Simulation:
         self.precision, self.scene = precision, scene
         self.model = build(scene)
         starts = np.cumsum([0, *(len(b.packing) for b in scene.bodies)])
-        self._elements = {id(b): slice(*ab) for b, *ab in zip(scene.bodies, starts, starts[1:], strict=False)}
+        self._elements = {
+            id(b): slice(*ab) for b, *ab in zip(scene.bodies, starts, starts[1:], strict=False)
+        }
         linked = state_arrays(self.model, scene, all_linked=True)
         step = Step(self.model, linked, 1.0, precision, self.device, simd)
         frequency = largest_frequency(step, max(b.packing.spacing for b in scene.bodies))
@@ -264,9 +266,10 @@ class Simulation:
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
-        kinetic, pair (linked bonds), volume, contact (closed unlinked ones): held now; fracture: released by breaking bonds; work: done by moving
-        grips and tractions; integrator: velocity Verlet's own term (theory B13), its jumps at
-        breaking bonds included; residual: what is missing from their balance.
+        kinetic, pair (linked bonds), volume, contact (closed unlinked ones): held now; fracture:
+        released by breaking bonds; work: done by moving grips and tractions; integrator: velocity
+        Verlet's own term (theory B13), its jumps at breaking bonds included; residual: what is
+        missing from their balance.
         """
         ledger = self._measure()
         before = sum(self.initial_energies[k] for k in HELD)
@@ -291,9 +294,7 @@ class Simulation:
         """
         self._step.synchronise()
         for name, value in arrays.items():
-            one_of(
-                "state", name, ("displacement", "orientation", "velocity", "angular_velocity")
-            )
+            one_of("state", name, ("displacement", "orientation", "velocity", "angular_velocity"))
             shape = self._step.download(name).shape
             a = finite(name, value, shape)
             if name == "orientation":
@@ -361,4 +362,3 @@ def _device(name: str) -> str:
     if name not in names:
         raise InputError(f"device is {name!r}; this machine has {', '.join(names)}.")
     return name
-

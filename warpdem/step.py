@@ -123,9 +123,9 @@ class Step:
         return self.download("stress").astype(np.float64)
 
     def energies(self) -> dict[str, float]:
-        """Kinetic, pair, volume and contact energy and the integrator's own term [J], summed in float64.
+        """Kinetic, pair, volume, contact energy and the integrator's own term [J].
 
-        Call `synchronise` first.
+        Summed in float64. Call `synchronise` first.
         """
         if not self._energies:
             self._bind_energies()

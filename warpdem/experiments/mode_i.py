@@ -224,9 +224,7 @@ def mode_i(
     return result
 
 
-def _write(
-    where: Path, p: ModeI, result: ModeIResult, precision: str, tip: float
-) -> None:
+def _write(where: Path, p: ModeI, result: ModeIResult, precision: str, tip: float) -> None:
     write_csv(where / "broken_bonds.csv", result.crack.log, UNITS)
     draw_crack(
         where / "crack.png",

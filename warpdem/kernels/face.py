@@ -75,4 +75,6 @@ def face(s: Laws, k: Laws, central: bool) -> Laws:
         qj = k.load_rot(orientation, nn(bond_j[b]))
         return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))
 
-    return Laws(load_arm=load_arm, opening=opening, load_opening=load_opening, load_normals=load_normals)
+    return Laws(
+        load_arm=load_arm, opening=opening, load_opening=load_opening, load_normals=load_normals
+    )

@@ -152,7 +152,7 @@ def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool 
     ):
         t = wp.tid()
         b = at(listed, t)
-        delta, ci, cj = geometry.load_opening(
+        delta, _ci, _cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
         linked_energy[t] = law.energy(facet_stiffness[b], delta)
@@ -180,7 +180,7 @@ def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
     ):
         t = wp.tid()
         b = nn(listed[t])
-        delta, ci, cj = geometry.load_opening(
+        delta, _ci, _cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)

@@ -163,9 +163,7 @@ def element_energies(s: Laws, has_volume: bool, simd: bool = True):
         i = wp.tid()
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
-        kinetic_energy[i] = real(0.5) * (
-            mass[i] * wp.dot(v, v) + inertia[i] * s.spin_squared(w)
-        )
+        kinetic_energy[i] = real(0.5) * (mass[i] * wp.dot(v, v) + inertia[i] * s.spin_squared(w))
         if wp.static(has_volume):
             # g = A E; where A = 0 there is no volume energy
             a = volume_stiffness[i]

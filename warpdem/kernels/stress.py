@@ -10,7 +10,15 @@ from .memory import kernel, nn
 
 
 @cache
-def element_stress(s: Laws, k: Laws, central: bool, slots: int, has_volume: bool, plane_strain: bool, simd: bool = True):
+def element_stress(
+    s: Laws,
+    k: Laws,
+    central: bool,
+    slots: int,
+    has_volume: bool,
+    plane_strain: bool,
+    simd: bool = True,
+):
     """Pass over listed elements: sigma_i = sym (1/V_i) sum c (x) F [Pa], tension positive.
 
     Plane strain adds sigma_zz = D m; in plane stress it is zero.

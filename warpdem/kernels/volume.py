@@ -143,9 +143,7 @@ def volume_release(s: Laws, slots: int, simd: bool = True):
                 broken += real(1.0)
         v = element_volume[i]
         a = volume_stiffness[i]
-        a_after = law.stiffness(
-            element_two_shear[i], element_coupling[i], faces / v, plane_strain
-        )
+        a_after = law.stiffness(element_two_shear[i], element_coupling[i], faces / v, plane_strain)
         drop = law.energy(v, a, before / v) - law.energy(v, a_after, after / v)
         element_release[i] = drop / wp.max(broken, real(1.0))
         volume_stiffness[i] = a_after

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,7 +67,7 @@ class CrackTracker:
         x = x - x.min()
         edges = np.arange(0.0, x.max() + 1e-9 * self.window, self.window)
         length, speed = [], []
-        for low, high in zip(edges, edges[1:], strict=False):
+        for low, high in pairwise(edges):
             inside = (x >= low) & (x < high)
             if inside.sum() >= FEWEST:
                 slope = theilslopes(self.log["time"][inside], x[inside]).slope

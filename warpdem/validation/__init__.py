@@ -1,6 +1,6 @@
 """Cases that measure the code against theory, for the tests and for `warpdem validate`."""
 
-from .case import CASES, Case, Check, Measurement, cases
-from . import core  # noqa: F401, I001  registers its cases
+from . import core  # noqa: F401  registers its cases
+from .case import CASES, Case, Check, Measurement, as_markdown, cases
 
-__all__ = ["CASES", "Case", "Check", "Measurement", "cases"]
+__all__ = ["CASES", "Case", "Check", "Measurement", "as_markdown", "cases"]

@@ -68,3 +68,30 @@ def cases(group: str | None = None) -> list[Case]:
     if group is not None:
         one_of("group", group, sorted({c.group for c in CASES.values()}))
     return [c for c in CASES.values() if group in (None, c.group)]
+
+
+def as_markdown(checks: list[Check]) -> str:
+    """The table of docs/validation.md."""
+    lines = [
+        "# Validation",
+        "",
+        "Written by `warpdem validate --write docs/validation.md`; the tests run the same cases.",
+        "",
+    ]
+    for name in dict.fromkeys(c.case for c in checks):
+        own = [c for c in checks if c.case == name]
+        about = (CASES[name].measure.__doc__ or "").strip()
+        lines += [f"## {name}", "", about, ""]
+        lines += [
+            "| quantity | reference | measured | error | limit | |",
+            "|---|---|---|---|---|---|",
+        ]
+        for c in own:
+            reference = f"{c.reference:.6g} ({c.source})"
+            mark = "" if c.passed else "**missed**"
+            lines.append(
+                f"| {c.quantity} | {reference} | {c.measured:.6g} | {c.error:.2g} | {c.limit:.2g} "
+                f"| {mark} |"
+            )
+        lines.append("")
+    return "\n".join(lines)

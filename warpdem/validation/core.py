@@ -22,10 +22,10 @@ PLANES = ("strain", "stress")
 POISSON = (0.0, 0.2, 0.3, 0.45)
 
 
-# -- pairs ------------------------------------------------------------------------------------------
+# -- pairs ----------------------------------------------------------------------------------------
 
 
-class Pairs:
+class _Pairs:
     """Many separate EVM pairs in one simulation, in random directions, at R = 0 or R > 0.
 
     B_1..B_4 are taken as they come, of any sign.
@@ -107,7 +107,7 @@ def turned(orientation: Array, axis: int, angle: float, which: slice) -> Array:
 def evm_law() -> Iterator[Measurement]:
     """EVM force and torques against literal eqs 2-3, and against differences of the energy."""
     for dim, offset in product((2, 3), (False, True)):
-        pairs = Pairs(300, dim, offset)
+        pairs = _Pairs(300, dim, offset)
         pairs.randomise(0.3)
         where = f"{'space' if dim == 3 else 'plane'}, R {'> 0' if offset else '= 0'}"
         energy, *exact = pairs.literal()
@@ -132,7 +132,7 @@ def evm_law() -> Iterator[Measurement]:
         )
 
 
-def _pair_differences(pairs: Pairs) -> float:
+def _pair_differences(pairs: _Pairs) -> float:
     """Greatest difference between forces and central differences of the energy, over scale."""
     measured = pairs.measured()
     u, q, h = pairs.displacement, pairs.orientation, 1e-5
@@ -168,10 +168,14 @@ def evm_benchmarks() -> Iterator[Measurement]:
 
 
 def _benchmark_errors(precision: str) -> dict[str, float]:
-    pairs = Pairs(200, 3, offset=False, precision=precision)
+    pairs = _Pairs(200, 3, offset=False, precision=precision)
     if precision == "float32":
         # the closed forms are taken at the numbers that the device holds
-        for name, value in (("direction", "evm_direction"), ("a", "evm_length"), ("b", "evm_stiffness")):
+        for name, value in (
+            ("direction", "evm_direction"),
+            ("a", "evm_length"),
+            ("b", "evm_stiffness"),
+        ):
             setattr(pairs, name, pairs.sim._step.download(value).astype(np.float64))
     n, rng = len(pairs.a), np.random.default_rng(3)
     ni, _ = reference.triads(pairs.direction, rng.uniform(0, 6.0, n))
@@ -185,9 +189,7 @@ def _benchmark_errors(precision: str) -> dict[str, float]:
     def errors(displacement: Array, orientation: Array, exact: list[Array]) -> float:
         pairs.set_state(displacement, orientation)
         found = pairs.measured()
-        return max(
-            float((np.abs(m - x) / size).max()) for m, x in zip(found, exact, strict=True)
-        )
+        return max(float((np.abs(m - x) / size).max()) for m, x in zip(found, exact, strict=True))
 
     def held(name: str, value: Array) -> Array:
         """A value as the device rounds it."""
@@ -237,7 +239,7 @@ def _benchmark_errors(precision: str) -> dict[str, float]:
     return worst
 
 
-# -- bodies of facet bonds ---------------------------------------------------------------------------
+# -- bodies of facet bonds ------------------------------------------------------------------------
 
 
 def facet_body(
@@ -293,9 +295,7 @@ def facet_law() -> Iterator[Measurement]:
         x, f = reference.in_space(sim.position), reference.in_space(force)
         spin = np.cross(x, f).sum(axis=0)[-torque.shape[1] :] + torque.sum(axis=0)
         size = np.abs(sim.bond_force).sum()
-        yield _zero(
-            f"sum of forces, {where}", "momentum", np.abs(momentum).max() / size, 1e-12
-        )
+        yield _zero(f"sum of forces, {where}", "momentum", np.abs(momentum).max() / size, 1e-12)
         reach = np.abs(x).max() * size
         yield _zero(
             f"sum of torques, {where}", "angular momentum", np.abs(spin).max() / reach, 1e-12
@@ -398,7 +398,9 @@ def criteria_in_uniform_stress() -> Iterator[Measurement]:
         lambda s: DruckerPrager(s, 3.0),
         lambda s: Rankine(s),
     )
-    for name, law in product(("hex strain", "hex stress", "fcc", "voronoi strain", "voronoi space"), laws):
+    for name, law in product(
+        ("hex strain", "hex stress", "fcc", "voronoi strain", "voronoi space"), laws
+    ):
         p = small_packing(name)
         strain = rng.normal(size=(p.dim, p.dim))
         strain = 1e-6 * (strain + strain.T + 2.0 * np.eye(p.dim))
@@ -421,7 +423,7 @@ def criteria_in_uniform_stress() -> Iterator[Measurement]:
         yield Measurement(f"broken just below, {where}", 0.0, source, share[1], share[1], 0.0)
 
 
-# -- the first crack --------------------------------------------------------------------------------
+# -- the first crack ------------------------------------------------------------------------------
 
 
 @cache

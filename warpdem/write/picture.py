@@ -70,7 +70,9 @@ def draw_crack(
         _draw_field(right, field, crack_line, tip, reach, factor, unit)
     else:
         right.set_axis_off()
-        right.text(0.5, 0.5, "the crack did not run far enough\nfor a picture of its tip", ha="center")
+        right.text(
+            0.5, 0.5, "the crack did not run far enough\nfor a picture of its tip", ha="center"
+        )
     with whole(path) as part:
         fig.savefig(part, dpi=130)
     plt.close(fig)
@@ -88,7 +90,9 @@ def _draw_field(
     start, height = crack_line
     x = field.position - [tip, height]
     near = (np.abs(x[:, 0]) < 1.1 * reach) & (np.abs(x[:, 1]) < 0.75 * reach)
-    grid = np.meshgrid(np.linspace(-reach, reach, 161), np.linspace(-0.65 * reach, 0.65 * reach, 105))
+    grid = np.meshgrid(
+        np.linspace(-reach, reach, 161), np.linspace(-0.65 * reach, 0.65 * reach, 105)
+    )
     vx, vy = (_on_grid(x[near], field.velocity[near, axis], grid) for axis in (0, 1))
     step = grid[0][0, 1] - grid[0][0, 0]
     spin = np.gradient(vy, step, axis=1) - np.gradient(vx, step, axis=0)

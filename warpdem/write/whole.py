@@ -49,10 +49,15 @@ def folder(path: str | Path) -> Path:
     return out
 
 
+def write_text(path: Path, text: str) -> None:
+    """A text file."""
+    with whole(path) as part:
+        part.write_text(text)
+
+
 def write_json(path: Path, data: dict[str, Any]) -> None:
     """Strict JSON: a number that is not finite is written as null."""
-    with whole(path) as part:
-        part.write_text(json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
 
 
 def write_csv(path: Path, rows: NDArray[np.void], units: dict[str, str]) -> None:

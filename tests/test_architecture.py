@@ -1,0 +1,89 @@
+"""Imports run one way (docs/architecture.md)."""
+
+import ast
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "warpdem"
+# what each module or folder of the package may import, beside itself
+ALLOWED = {
+    "kernels": set(),
+    "errors": set(),
+    "material": {"errors"},
+    "bond": {"errors"},
+    "criteria": {"errors"},
+    "packing": {"errors"},
+    "scene": {"errors", "material", "bond", "criteria", "packing"},
+    "model": {"errors", "bond", "scene"},
+    "step": {"kernels", "model"},
+    "stability": {"step"},
+    "simulation": {"errors", "model", "scene", "stability", "step"},
+    "observe": {"errors"},
+    "write": {"errors", "observe"},
+    "experiments": {
+        *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
+    },
+    "validation": {
+        *("errors", "material", "bond", "criteria", "packing", "scene", "simulation"),
+        "experiments",
+    },
+    "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
+}
+
+
+def imports(path: Path) -> set[str]:
+    """Modules and folders of the package that a file imports when it runs."""
+    found = set()
+    tree = ast.parse(path.read_text())
+    checked_only = {
+        inner
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for inner in ast.walk(node)
+    }
+    inside = path.relative_to(PACKAGE).parts[:-1]
+    for node in ast.walk(tree):
+        if node in checked_only:
+            continue
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = inside[: len(inside) - node.level + 1]
+            for name in [node.module] if node.module else [a.name for a in node.names]:
+                found.add((*base, *name.split("."))[0])
+        elif isinstance(node, ast.ImportFrom | ast.Import):
+            names = (
+                [node.module] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
+            )
+            assert not any(str(n).startswith("warpdem") for n in names), (
+                f"{path}: import relatively"
+            )
+    return found
+
+
+def test_imports_run_one_way():
+    for path in PACKAGE.rglob("*.py"):
+        part = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        if part == "__init__":
+            continue
+        extra = imports(path) - ALLOWED[part] - {part}
+        assert not extra, f"{path.name} imports {sorted(extra)}"
+
+
+def test_no_circle_is_allowed():
+    done: set[str] = set()
+    while len(done) < len(ALLOWED):
+        ready = {part for part, needs in ALLOWED.items() if needs <= done} - done
+        assert ready, f"a circle among {sorted(set(ALLOWED) - done)}"
+        done |= ready
+
+
+def test_kernels_import_warp_alone():
+    for path in (PACKAGE / "kernels").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                assert {a.name.split(".")[0] for a in node.names} <= {"warp"}, path.name
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                assert node.module in ("functools", "types"), path.name
+
+
+def test_kernels_link_leads_to_the_package():
+    link = PACKAGE.parent / "kernels"
+    assert link.resolve() == PACKAGE / "kernels" or link.is_file()

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+
+import warpdem as wd
+
+
+@pytest.mark.parametrize(
+    ("shape", "cell"),
+    [
+        (wd.packing.hexagonal((10, 9), 1.0, thickness=0.1), np.sqrt(3) / 2 * 0.1),
+        (wd.packing.fcc((6, 6, 6), 1.0), 1 / np.sqrt(2)),
+    ],
+)
+def test_lattice_cells(shape, cell):
+    assert shape.volume == pytest.approx(np.full(len(shape), cell))
+    assert shape.bond_length == pytest.approx(np.ones(len(shape.bonds)))
+    inner = ~shape.boundary()
+    neighbours = np.bincount(shape.bonds.ravel(), minlength=len(shape))
+    assert set(neighbours[inner]) == {6 if shape.dim == 2 else 12}
+    assert np.abs(shape.exposed_area[inner]).max() < 1e-12
+
+
+@pytest.mark.parametrize("size", [(12.0, 9.0), (5.0, 4.0, 4.0)])
+def test_voronoi_fills_the_box(size):
+    p = wd.packing.voronoi(size, 1.0, seed=3, relaxations=3, thickness=0.5)
+    filled = np.prod(size) * (0.5 if p.dim == 2 else 1.0)
+    assert p.volume.sum() == pytest.approx(filled, rel=1e-12)
+    # the free surface of the whole is the box's
+    top = p.exposed_area[p.side("top")].sum(axis=0)[1]
+    assert top == pytest.approx(filled / size[1], rel=0.1)
+    again = wd.packing.voronoi(size, 1.0, seed=3, relaxations=3, thickness=0.5)
+    assert np.array_equal(p.position, again.position)
+
+
+def test_divergence_theorem_on_random_cells():
+    for size in ((9.0, 9.0), (5.0, 5.0, 5.0)):
+        p = wd.packing.voronoi(size, 1.0, seed=1, relaxations=0)
+        inner = ~p.boundary()
+        n = p.bond_vector / p.bond_length[:, None]
+        total = np.zeros(len(p))
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            np.add.at(total, p.bonds[:, side], sign * p.area * (p.arms[:, side] * n).sum(axis=1))
+        assert total[inner] == pytest.approx(p.dim * p.volume[inner], rel=1e-10)
+
+
+def test_relaxation_rounds_the_cells():
+    raw = wd.packing.voronoi((12.0, 12.0), 1.0, relaxations=0)
+    relaxed = wd.packing.voronoi((12.0, 12.0), 1.0)
+    assert relaxed.bond_length.min() > 2.0 * raw.bond_length.min()
+
+
+def test_crossing_in_the_plane():
+    p = wd.packing.hexagonal((10, 9), 1.0)
+    pitch = np.sqrt(3) / 2
+    all_across = p.crossing((-1, 5 * pitch), (11, 5 * pitch))
+    rows = np.round(p.position[p.bonds][..., 1] / pitch - 0.5).astype(int)
+    assert set(all_across) == set(np.flatnonzero(np.sort(rows, axis=1)[:, 0] + 1 == (
+        np.sort(rows, axis=1)[:, 1])) ) & set(np.flatnonzero(rows.min(axis=1) == 4))  # fmt: skip
+    some = p.crossing((-1, 5 * pitch), (5, 5 * pitch))
+    assert set(some) < set(all_across)
+    middle = p.position[p.bonds[some]].mean(axis=1)
+    assert middle[:, 0].max() <= 5 + 1e-9
+
+
+def test_crossing_in_space():
+    p = wd.packing.fcc((5, 5, 5), 1.0)
+    ids = p.crossing((-1, 2.0, 0), (6, 2.0, 0))
+    y = p.position[p.bonds[ids]][..., 1]
+    assert ((y.min(axis=1) < 2.0) & (y.max(axis=1) >= 2.0)).all()
+    across = (p.position[p.bonds][..., 1] < 2.0 - 1e-9).sum(axis=1) == 1
+    assert len(ids) == across.sum()
+    assert len(p.crossing((-1, 2.0, 0), (6, 2.0, 0), depth=(0, 0, 2.5))) < len(ids)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"position": [[0, 0], [np.nan, 0], [2, 0]]}, "not finite at 1"),
+        ({"position": [[0, 0], [1, 0], [0, 0]]}, "elements 2 lie on the same place"),
+        ({"bonds": [[0, 1], [1, 1]]}, "bonds 1 join an element to itself"),
+        ({"bonds": [[0, 1], [1, 0]]}, "bonds 1 join pairs that earlier bonds join"),
+        ({"bonds": [[0, 1], [1, 3]]}, "bonds 1 name elements outside 0..2"),
+        ({"bonds": [[0.5, 1]]}, "integers"),
+        ({"volume": [1, 0, 1]}, "volume must be greater than zero at 1"),
+        ({"radius": -1.0}, "radius must be greater than zero at 0, 1, 2"),
+        ({"plane": "strian"}, "'strain', 'stress'"),
+    ],
+)
+def test_bad_networks_are_refused(change, says):
+    given = {
+        "position": [[0, 0], [1, 0], [2, 0]], "bonds": [[0, 1], [1, 2]], "volume": 1.0,
+        "plane": "strain",
+    }  # fmt: skip
+    with pytest.raises(wd.InputError, match=says):
+        wd.packing.network(**(given | change))
+
+
+def test_faces_that_do_not_close_are_refused():
+    p = wd.packing.hexagonal((6, 6), 1.0)
+    wrong = np.array(p.volume)
+    inner = np.flatnonzero(~p.boundary())[0]
+    wrong[inner] *= 1.01
+    with pytest.raises(wd.InputError, match=f"faces of elements {inner} do not enclose"):
+        wd.Packing(p.position, wrong, p.bonds, p.area, p.arms, plane="strain")
+
+
+@pytest.mark.parametrize("make", [wd.packing.hexagonal, wd.packing.voronoi])
+def test_bad_boxes_are_refused(make):
+    with pytest.raises(wd.InputError, match="spacing must be greater than zero"):
+        make((1.0, 1.0), 0.0)
+    with pytest.raises(wd.InputError, match="enlarge"):
+        make((1.0, 1.0), 10.0)

@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+import warpdem as wd
+
+STEEL = wd.Material(200e9, 0.3, 7800)
+
+
+@pytest.fixture
+def plate():
+    return wd.packing.hexagonal((8, 7), 1.0)
+
+
+@pytest.fixture
+def scene():
+    return wd.Scene()
+
+
+@pytest.mark.parametrize(
+    ("act", "says"),
+    [
+        (lambda s, b: s.hold(b, []), "selection is empty"),
+        (lambda s, b: s.hold(b, [0, 1000]), "selected ids 1 lie outside"),
+        (lambda s, b: s.hold(b, np.zeros(3, bool)), "the mask has shape"),
+        (lambda s, b: s.hold(b, [0], axes="q"), "axes is 'q'"),
+        (lambda s, b: s.hold(b, [0], velocity=(np.inf, 0)), "velocity is not finite"),
+        (lambda s, b: s.cut(b, (0, 0), (0, 0)), "coincide"),
+        (lambda s, b: s.cut(b, (100, 0), (101, 0)), "no bond crosses"),
+        (lambda s, b: s.strain(b, [[0, 1], [0, 0]]), "symmetric"),
+        (lambda s, b: s.strain(b, [[0, np.nan], [0, 0]]), "not finite"),
+        (lambda s, b: s.set_strength(b, 0.0), "greater than zero"),
+        (lambda s, b: s.set_strength(b, 2.0), "no fracture criterion"),
+        (lambda s, b: s.pull(b, [20], (0, 1.0)), "no free surface"),
+        (lambda s, b: s.set_velocity(b, (1.0, 2.0, 3.0)), "velocity has shape"),
+        (lambda s, b: s.add(wd.packing.fcc((3, 3, 3), 1.0), STEEL), "share the dimension"),
+        (lambda s, b: wd.Scene().hold(b, [0]), "not in the scene"),
+        (lambda s, b: s.add(b.packing, STEEL, bond="glue"), "'facet' or an EVMBond"),
+    ],
+)
+def test_what_cannot_be_done_is_refused(scene, plate, act, says):
+    body = scene.add(plate, STEEL)
+    with pytest.raises(wd.InputError, match=says):
+        act(scene, body)
+
+
+def test_facets_are_needed_for_facet_bonds(scene):
+    net = wd.packing.network([[0, 0], [1, 0]], [[0, 1]], 1.0, plane="strain")
+    with pytest.raises(wd.InputError, match="packing with faces"):
+        scene.add(net, STEEL)
+
+
+def test_an_empty_scene_is_refused(scene):
+    with pytest.raises(wd.InputError, match="scene is empty"):
+        wd.Simulation(scene)
+
+
+def test_negative_poisson_on_raw_cells_is_refused(scene):
+    # random, not relaxed cells: 3 of 3 packings are indefinite at nu = -0.5 (theory B8)
+    scene.add(wd.packing.voronoi((10, 10), 1.0, relaxations=0), wd.Material(1.0, -0.5, 1.0))
+    with pytest.raises(wd.InputError, match="not positive definite"):
+        wd.Simulation(scene)
+
+
+def test_traction_adds_up_to_stress_times_side(scene, plate):
+    body = scene.add(plate, STEEL)
+    scene.pull(body, plate.top, (0.0, 5.0))
+    # eight columns of spacing 1: the side's projected length, corners with their halves
+    assert body.force[:, 1].sum() == pytest.approx(5.0 * 8.0, rel=0.07)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: wd.EVMBond(0.0, 1.0, 1.0),
+        lambda: wd.EVMBond(1.0, -1.0, 1.0),
+        lambda: wd.DruckerPrager(1.0, 0.5),
+        lambda: wd.Rankine(-1.0),
+        lambda: wd.HuberMisesHencky(np.nan),
+    ],
+)
+def test_bad_laws_are_refused(make):
+    with pytest.raises(wd.InputError):
+        make()
+
+
+def test_offsets_must_leave_a_bond(scene):
+    net = wd.packing.network([[0, 0], [1, 0]], [[0, 1]], 1.0, plane="strain")
+    scene.add(net, STEEL, bond=wd.EVMBond(1.0, 1.0, 1.0, offset=0.5))
+    with pytest.raises(wd.InputError, match="bonds 0: the offsets"):
+        wd.Simulation(scene)
