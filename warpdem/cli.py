@@ -3,7 +3,6 @@
 import json
 import sys
 import time
-from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -30,12 +29,6 @@ console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
 DEFAULT = experiments.ModeI()
-CriterionName = StrEnum("CriterionName", {c: c for c in CRITERIA})
-PackingName = StrEnum("PackingName", {c: c for c in PACKINGS})
-PrecisionName = StrEnum("PrecisionName", {c: c for c in PRECISIONS})
-DEFAULT_CRITERION = CriterionName(DEFAULT.criterion)
-DEFAULT_PACKING = PackingName(DEFAULT.packing)
-DEFAULT_PRECISION = PrecisionName("float64")
 
 
 class CrackProgress:
@@ -92,18 +85,18 @@ def mode_i(
         float, typer.Option(help="Strength elsewhere over the weak plane's; inf: unbreakable.")
     ] = DEFAULT.bulk_strength,
     criterion: Annotated[
-        CriterionName, typer.Option(help="When a bond breaks.")
-    ] = DEFAULT_CRITERION,
+        str, typer.Option(help=f"When a bond breaks: {', '.join(CRITERIA)}.")
+    ] = DEFAULT.criterion,
     packing: Annotated[
-        PackingName, typer.Option(help="Arrangement of elements.")
-    ] = DEFAULT_PACKING,
+        str, typer.Option(help=f"Arrangement of elements: {', '.join(PACKINGS)}.")
+    ] = DEFAULT.packing,
     refine: Annotated[
         int, typer.Option(help="Divide the spacing by this, at the same toughness.")
     ] = DEFAULT.refine,
     seed: Annotated[int, typer.Option(help="Seed of the Voronoi packing.")] = DEFAULT.seed,
     precision: Annotated[
-        PrecisionName, typer.Option(help="Arithmetic; mixed: places in float64.")
-    ] = DEFAULT_PRECISION,
+        str, typer.Option(help=f"Arithmetic: {', '.join(PRECISIONS)} (places in float64).")
+    ] = "float64",
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/mode-i"),
 ) -> None:
@@ -120,8 +113,8 @@ def mode_i(
         density=density,
         strength=strength,
         bulk_strength=bulk_strength,
-        criterion=str(criterion),
-        packing=str(packing),
+        criterion=criterion,
+        packing=packing,
         refine=refine,
         seed=seed,
     )
@@ -132,7 +125,7 @@ def mode_i(
     result = experiments.mode_i(
         parameters,
         device=device,
-        precision=str(precision),
+        precision=precision,
         out=out,
         observers=progress,
         say=console.print,

@@ -60,4 +60,4 @@ def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
 
 
 def _rows(bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return bad.reshape(len(bad), -1).any(axis=1)
+    return np.atleast_1d(bad.reshape(len(bad), -1).any(axis=1))

@@ -53,10 +53,10 @@ class Packing:
         set_(self, "position", position)
         set_(self, "volume", positive("volume", self.volume, (n,)))
         positive("thickness", self.thickness, ())
-        if self.radius is None:
-            v = self.volume / self.thickness if dim == 2 else self.volume
-            set_(self, "radius", np.sqrt(v / pi) if dim == 2 else np.cbrt(0.75 * v / pi))
-        set_(self, "radius", positive("radius", self.radius, (n,)))
+        v = self.volume / self.thickness
+        equal = np.sqrt(v / pi) if dim == 2 else np.cbrt(0.75 * v / pi)
+        radius = equal if self.radius is None else self.radius
+        set_(self, "radius", positive("radius", radius, (n,)))
         self._check_bonds()
         if self.spacing == 0.0:
             length = self.bond_length
@@ -431,7 +431,7 @@ def _faces(vertices: Array, faces: list[list[int]]) -> tuple[Array, Array]:
     step = np.arange(len(face)) - np.repeat(np.cumsum(count - 2) - (count - 2), count - 2)
     a, b, c = v[first[face]], v[first[face] + step + 1], v[first[face] + step + 2]
     triangle = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    area = np.bincount(face, triangle, len(faces))
+    area = np.bincount(face, triangle, len(faces)).astype(np.float64)
     moment = np.zeros((len(faces), 3))
     np.add.at(moment, face, triangle[:, None] * (a + b + c) / 3.0)
     return area, moment / np.maximum(area, 1e-300)[:, None]

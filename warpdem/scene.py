@@ -220,7 +220,7 @@ class Scene:
         self._own(body)
         ids = body.packing.crossing(start, end, depth)
         if len(ids) == 0:
-            raise InputError(f"no bond crosses the segment from {start} to {end}.")
+            raise InputError(f"no bond crosses the segment from {start!r} to {end!r}.")
         return ids
 
     def _selected(self, body: Body, where: ArrayLike) -> NDArray[np.int64]:

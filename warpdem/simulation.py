@@ -241,7 +241,13 @@ class Simulation:
         shear_stress [Pa] at the break, mode ("normal" or "shear", whichever is greater) and
         released_energy [J] (of the bond and of both elements; may be slightly negative).
         """
-        kinds = [("bond", int), ("i", int), ("j", int), ("step", int), ("time", float)]
+        kinds: list[tuple[str, type | str]] = [
+            ("bond", int),
+            ("i", int),
+            ("j", int),
+            ("step", int),
+            ("time", float),
+        ]
         kinds += [("x", float), ("y", float), ("z", float), ("normal_stress", float)]
         kinds += [("shear_stress", float), ("mode", "U6"), ("released_energy", float)]
         m = self.model
@@ -309,14 +315,13 @@ class Simulation:
 
     def _measure(self) -> dict[str, float]:
         ledger = self._step.energies()
-        features = self.model.features
         ledger["fracture"] = 0.0
         if self.model.criteria:
             ledger["fracture"] = float(self._step.download("break_energy").sum(dtype=np.float64))
         ledger["work"] = 0.0
-        if features.has_work:
+        if self.model.features.has_work:
             ledger["work"] += float(self._step.download("element_work").sum(dtype=np.float64))
-        if features.has_external:
+        if self.model.external_force is not None:
             ledger["work"] += float((self.model.external_force * self.displacement).sum())
         return ledger
 

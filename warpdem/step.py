@@ -1,6 +1,7 @@
 """One step of the method: its passes in order, each a kernel over bonds or elements."""
 
 from inspect import signature
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -27,6 +28,7 @@ from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
 
+Names = tuple[str, ...]
 # arithmetic of forces, arithmetic of places
 PRECISIONS = {
     "float64": (wp.float64, wp.float64),
@@ -191,7 +193,7 @@ class Step:
         self._fracture = [self._stress("listed_elements")]
         for group in m.criteria:
             test = break_bonds(s, k, f.central, group.kind, self._simd)
-            numbers = {"ratio": group.ratio, "first": group.first}
+            numbers: dict[str, Any] = {"ratio": group.ratio, "first": group.first}
             self._fracture.append(self._bind(test, group.count, listed=listed, **numbers))
 
         half = 0.5 * self.dt
@@ -204,7 +206,10 @@ class Step:
         if f.has_volume:
             elements = self.arrays["listed_elements"]
             release = volume_release(s, f.slots, self._simd)
-            numbers = {"plane_strain": float(f.plane_strain), "elements": m.elements}
+            numbers = {
+                "plane_strain": float(f.plane_strain),
+                "elements": m.elements,
+            }
             self._break.append(self._bind(release, elements.size, listed=elements, **numbers))
         self._log = self._bind(
             log_breaks(s, f.has_volume, self._simd),
@@ -227,7 +232,7 @@ class Step:
         for name in ("kinetic_energy", "integrator_energy"):
             self.upload(name, np.zeros(m.elements))
         self.upload("linked_energy", np.zeros(m.bonds))
-        unused: tuple[str, ...] = ("volume_energy", "volume_stiffness", "volume_stress")
+        unused: Names = ("volume_energy", "volume_stiffness", "volume_stress")
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
             unused = ()
@@ -252,7 +257,7 @@ class Step:
             law = face_dilation(s, k, f.central, near, self._simd)
             passes.append(self._bind(law, bonds, listed=listed, first=0))
             law = volume_stresses(s, f.slots, near, self._simd)
-            numbers = {"elements": m.elements, "first": 0}
+            numbers: dict[str, Any] = {"elements": m.elements, "first": 0}
             passes.append(self._bind(law, elements, listed=listed_elements, **numbers))
         if facets:
             law = facet_forces(s, k, f.central, f.has_volume, near, self._simd)
@@ -266,7 +271,7 @@ class Step:
             facet_closing(s, k, f.central, self._simd), evm_closing(s, k, self._simd)
         )
 
-    def _over_listed(self, facet_law, evm_law, unused: tuple[str, ...] = ()) -> list[wp.Launch]:
+    def _over_listed(self, facet_law, evm_law, unused: Names = ()) -> list[wp.Launch]:
         """A pass of each law over the listed bonds that follow it."""
         m = self.model
         if m.listed_bonds is None:
@@ -275,7 +280,7 @@ class Step:
         if m.facet_listed:
             passes.append(self._bind(facet_law, m.facet_listed, unused, listed=listed))
         if listed.size > m.facet_listed:
-            numbers = {"first": m.facet_listed, "first_evm": m.facet_bonds}
+            numbers: dict[str, Any] = {"first": m.facet_listed, "first_evm": m.facet_bonds}
             count = listed.size - m.facet_listed
             passes.append(self._bind(evm_law, count, unused, listed=listed, **numbers))
         return passes
@@ -283,8 +288,10 @@ class Step:
     def _unlink(self) -> list[wp.Launch]:
         (s, _), f = self._space, self.model.features
         unused = () if f.has_volume else ("bond_weight",)
-        laws = (law(s, f.has_volume, self._simd) for law in (facet_unlink, evm_unlink))
-        return self._over_listed(*laws, unused=unused)
+        facet_law, evm_law = (
+            law(s, f.has_volume, self._simd) for law in (facet_unlink, evm_unlink)
+        )
+        return self._over_listed(facet_law, evm_law, unused)
 
     def _closing_energies(self) -> list[wp.Launch]:
         (s, k), m = self._space, self.model
@@ -302,10 +309,15 @@ class Step:
         law = move(
             s, k, f.slots, f.has_external, f.has_work, drifts, elements is not None, self._simd
         )
-        unused = () if f.has_external else ("external_force",)
+        unused: Names = () if f.has_external else ("external_force",)
         unused += () if f.has_work else ("element_work",)
         listed = None if elements is None else self.arrays[elements]
-        numbers = {"finish": finish, "start": start, "dt": self.dt, "elements": m.elements}
+        numbers: dict[str, Any] = {
+            "finish": finish,
+            "start": start,
+            "dt": self.dt,
+            "elements": m.elements,
+        }
         count = m.elements if listed is None else listed.size
         return self._bind(law, count, unused, listed=listed, first=0, **numbers)
 
@@ -332,14 +344,14 @@ class Step:
             passes.append(self._bind(law, facets, **given))
         if bonds > facets:
             law = evm_energies(s, k, ids is not None, self._simd)
-            numbers = {"first": facets, "first_evm": m.facet_bonds}
+            numbers: dict[str, Any] = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, **numbers, **given))
         return passes
 
     def _integrator_energies(self, listed: str | None = None) -> wp.Launch:
         (s, _), m, f = self._space, self.model, self.model.features
         law = integrator_energies(s, f.slots, f.has_external, listed is not None, self._simd)
-        unused = () if f.has_external else ("external_force",)
+        unused: Names = () if f.has_external else ("external_force",)
         prefix, ids = ("", None) if listed is None else ("near_", self.arrays[listed])
         return self._bind(
             law,
@@ -367,7 +379,7 @@ class Step:
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))
 
-    def _bind(self, kernel, dim: int, unused: tuple[str, ...] = (), **given) -> wp.Launch:
+    def _bind(self, kernel, dim: int, unused: Names = (), **given: Any) -> wp.Launch:
         """A recorded launch whose arguments are found by name; `unused` ones are left out.
 
         Kernel argument, model or state array and exported field are one word.

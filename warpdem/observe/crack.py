@@ -44,7 +44,7 @@ class CrackTracker:
             raise InputError(f"window is {window:g} m; it must be greater than zero.")
         self.window = window
         self.tip: float = np.nan
-        self.log: NDArray[np.void] = np.zeros(0)
+        self.log: NDArray[np.void] = np.zeros(0, dtype=[("time", float)])
         self.length: Array = np.zeros(0)
         self.window_speed: Array = np.zeros(0)
 

@@ -4,6 +4,7 @@ Written for clarity and with full rotation matrices; used to check, never to sim
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import Array
@@ -78,7 +79,7 @@ def evm(
 def facet_energy(
     displacement: Array,
     orientation: Array,
-    bonds: Array,
+    bonds: NDArray[np.int64],
     arms: Array,
     area: Array,
     volume: Array,

@@ -132,5 +132,5 @@ def _draw_field(
     )
 
 
-def _on_grid(place: Array, value: Array, grid: list[Array]) -> Array:
+def _on_grid(place: Array, value: Array, grid: tuple[Array, ...]) -> Array:
     return griddata(place, value, (grid[0], grid[1]), method="linear")
