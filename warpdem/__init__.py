@@ -1,5 +1,7 @@
 """warpdem: fracture of solids made of bonded elements, on NVIDIA Warp."""
 
+from typing import TYPE_CHECKING
+
 from . import experiments, packing
 from .bond import EVMBond
 from .criteria import DruckerPrager, HuberMisesHencky, Rankine
@@ -9,7 +11,9 @@ from .observe import CrackTracker, Snapshot
 from .packing import Packing
 from .scene import Body, Scene
 from .simulation import Observer, Simulation
-from .write import UsdWriter
+
+if TYPE_CHECKING:
+    from .write.usd import UsdWriter
 
 __version__ = "0.1.0"
 
@@ -32,3 +36,11 @@ __all__ = [
     "experiments",
     "packing",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name == "UsdWriter":  # loads USD, which takes half a second, only where it is asked for
+        from .write.usd import UsdWriter
+
+        return UsdWriter
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

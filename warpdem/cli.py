@@ -17,16 +17,14 @@ from .errors import InputError, NonFiniteError
 from .experiments.mode_i import CRITERIA, PACKINGS
 from .observe import CrackTracker
 from .simulation import PRECISIONS, Observer, Simulation
-from .validation import Check, as_markdown, cases
-from .write.picture import unit_of
 from .write.record import describe_machine
-from .write.whole import write_text
+from .write.whole import unit_of, write_text
 
 app = typer.Typer(help="Fracture of solids made of bonded elements.", no_args_is_help=True)
 run = typer.Typer(help="Run a published experiment.", no_args_is_help=True)
 app.add_typer(run, name="run")
-console = Console(highlight=False)
-errors = Console(stderr=True, highlight=False)
+console = Console(highlight=False, soft_wrap=True)
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
 DEFAULT = experiments.ModeI()
 
@@ -53,7 +51,7 @@ class CrackProgress:
 
     def observe(self, sim: Simulation) -> None:
         """Move the bar, or print a line where there is no terminal."""
-        tip = self.crack.tip if np.isfinite(self.crack.tip) else self.start
+        tip = min(self.crack.tip, self.end) if np.isfinite(self.crack.tip) else self.start
         shown = f"{tip * self.scale:.4g}"
         self.bar.update(self.task, completed=tip - self.start, tip=shown, rate=sim.rate / 1e6)
         if not console.is_terminal and time.perf_counter() - self.told > 5.0:
@@ -159,6 +157,8 @@ def validate(
     ] = None,
 ) -> None:
     """Measure the code against theory; exit status 1 if a limit is missed."""
+    from .validation import Check, as_markdown, cases
+
     checks: list[Check] = []
     for case in cases(group):
         if case.slow and not slow:
@@ -173,7 +173,6 @@ def validate(
                     f"  {mark} {check.quantity}: measured {check.measured:.6g}, reference "
                     f"{check.reference:.6g} ({check.source}), error {check.error:.2g}, limit "
                     f"{check.limit:.2g}",
-                    soft_wrap=True,
                 )
     missed = sum(not check.passed for check in checks)
     if as_json:
@@ -203,8 +202,8 @@ def main() -> None:
     try:
         app()
     except InputError as error:
-        errors.print(f"error: {error}", soft_wrap=True, markup=False)
+        errors.print(f"error: {error}", markup=False)
         sys.exit(2)
     except NonFiniteError as error:
-        errors.print(f"stopped: {error}", soft_wrap=True, markup=False)
+        errors.print(f"stopped: {error}", markup=False)
         sys.exit(3)

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from math import sqrt
 
-from scipy.optimize import brentq
-
 from .errors import InputError, finite, one_of, positive
 
 PLANES = ("strain", "stress", None)
@@ -68,6 +66,8 @@ class Material:
 
     def rayleigh_speed(self, plane: str | None = None) -> float:
         """Speed of surface waves c_R [m/s], root of Rayleigh's equation."""
+        from scipy.optimize import brentq
+
         ratio = (self.shear_speed() / self.pressure_speed(plane)) ** 2
 
         def rayleigh(x: float) -> float:

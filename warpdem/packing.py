@@ -7,7 +7,6 @@ from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import Voronoi, cKDTree
 
 from .errors import Array, InputError, finite, first_ids, one_of, positive
 
@@ -284,6 +283,8 @@ def voronoi(
     centres; relaxations: Lloyd sweeps, 0 for raw random cells, which cost a several times smaller
     time step (theory B8). Cells are clipped at the box.
     """
+    from scipy.spatial import cKDTree
+
     dim = len(size)
     if dim not in (2, 3):
         raise InputError(f"size has {dim} entries; give two for the plane, three for space.")
@@ -350,6 +351,8 @@ def _lattice(
     plane: str | None = None,
     thickness: float = 1.0,
 ) -> Packing:
+    from scipy.spatial import cKDTree
+
     bonds = cKDTree(position).query_pairs(1.01 * spacing, output_type="ndarray").astype(np.int64)
     bonds = bonds[np.lexsort((bonds[:, 1], bonds[:, 0]))]
     half = 0.5 * (position[bonds[:, 1]] - position[bonds[:, 0]])
@@ -374,6 +377,8 @@ class _Cells:
     """
 
     def __init__(self, points: Array, box: Array, spacing: float) -> None:
+        from scipy.spatial import Voronoi
+
         n, dim = points.shape
         band = 8.0 * spacing
         images, origin, walls = [points], [np.arange(n)], [np.full(n, -1)]

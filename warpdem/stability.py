@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from .step import Step
 
@@ -13,6 +12,8 @@ def largest_frequency(step: Step, spacing: float) -> float:
     Lanczos iteration on M^-1/2 K M^-1/2, K applied by the step's own force passes to small
     displacements: the well-converging form of power iteration. Overwrites the state.
     """
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
     m, n = step.model, step.model.elements
     dim = m.features.dim
     spins = 1 if dim == 2 else 3

@@ -19,10 +19,8 @@ from ..observe import CrackTracker, Snapshot
 from ..packing import Packing
 from ..scene import Scene
 from ..simulation import Observer, Simulation
-from ..write import UsdWriter
-from ..write.picture import draw_crack, unit_of
 from ..write.record import describe_machine
-from ..write.whole import folder, write_csv, write_json
+from ..write.whole import folder, unit_of, write_csv, write_json
 
 CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
 PACKINGS = ("hexagonal", "voronoi")
@@ -185,6 +183,8 @@ def mode_i(
     say(f"dt {sim.dt:.4g} s, 0.8 of the stability limit {sim.dt_limit:.4g} s")
     say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s; the notch opens suddenly")
     if where is not None:
+        from ..write.usd import UsdWriter
+
         sim.observe(UsdWriter(where / "crack.usd", every=max(1, likely // frames)))
     for observer in observers(sim, crack) if observers else []:
         sim.observe(observer)
@@ -225,6 +225,8 @@ def mode_i(
 
 
 def _write(where: Path, p: ModeI, result: ModeIResult, precision: str, tip: float) -> None:
+    from ..write.picture import draw_crack
+
     write_csv(where / "broken_bonds.csv", result.crack.log, UNITS)
     draw_crack(
         where / "crack.png",

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import theilslopes
 
 from ..errors import Array, InputError, finite
 
@@ -21,7 +20,8 @@ class CrackTracker:
     """Follows one crack along a direction.
 
     every: steps between looks at the tip; direction: of growth, shape (dim,), by default x;
-    window [m]: crack length over which a speed is fitted, by default 25 spacings; stop_at [m]:
+    window [m]: crack length over which a speed is fitted, by default 25 spacings,
+    or an eighth of the path if it is shorter; stop_at [m]:
     coordinate along the direction at which the run is stopped.
 
     After a run: `log` (all broken bonds), `length` (middle of each window, from the first break
@@ -61,10 +61,13 @@ class CrackTracker:
         self.log = sim.broken_bonds()
         if len(self.log) == 0:
             return
-        if self.window is None:
-            self.window = 25.0 * max(b.packing.spacing for b in sim.scene.bodies)
+        from scipy.stats import theilslopes  # takes most of a second to load
+
         x = self._coordinate(self.log, sim)
         x = x - x.min()
+        if self.window is None:
+            self.window = 25.0 * max(b.packing.spacing for b in sim.scene.bodies)
+            self.window = min(self.window, x.max() / 8.0)
         edges = np.arange(0.0, x.max() + 1e-9 * self.window, self.window)
         length, speed = [], []
         for low, high in pairwise(edges):

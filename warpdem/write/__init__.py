@@ -1,5 +1,4 @@
-"""Observers and functions that write files, each whole or not at all."""
+"""Observers and functions that write files, each whole or not at all.
 
-from .usd import UsdWriter
-
-__all__ = ["UsdWriter"]
+Nothing is imported here: USD and pictures take a second to load and not every run writes them.
+"""

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from scipy.interpolate import griddata
+from scipy.ndimage import gaussian_filter
 
 from ..errors import Array
 from ..observe import CrackTracker, Snapshot
-from .whole import whole
-
-
-def unit_of(length: float) -> tuple[float, str]:
-    """A factor and a unit in which a length [m] is a handy number."""
-    for factor, name in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
-        if length * factor >= 0.9:
-            return factor, name
-    return 1e9, "nm"
+from .whole import unit_of, whole
 
 
 def draw_crack(
@@ -40,9 +31,8 @@ def draw_crack(
     tip: its tip in the field [m]; reach: half the width of the piece of the field shown [m].
     """
     factor, unit = unit_of(crack.length.max(initial=reach))
-    fig, (left, right) = plt.subplots(
-        1, 2, figsize=(13, 5), gridspec_kw={"width_ratios": [1, 1.5]}, layout="constrained"
-    )
+    fig = Figure(figsize=(13, 5), layout="constrained")
+    left, right = fig.subplots(1, 2, gridspec_kw={"width_ratios": [1, 1.5]})
     fig.suptitle(title)
     left.axhline(1.0, color="0.4", ls="--", lw=1)
     left.text(0.0, 1.01, "Rayleigh wave speed", color="0.3", va="bottom")
@@ -67,7 +57,7 @@ def draw_crack(
     )
     left.set_xlim(left=0.0)
     if field.taken:
-        _draw_field(right, field, crack_line, tip, reach, factor, unit)
+        _draw_field(fig, right, field, crack_line, tip, reach, factor, unit)
     else:
         right.set_axis_off()
         right.text(
@@ -75,11 +65,11 @@ def draw_crack(
         )
     with whole(path) as part:
         fig.savefig(part, dpi=130)
-    plt.close(fig)
 
 
 def _draw_field(
-    ax: plt.Axes,
+    fig: Figure,
+    ax: Axes,
     field: Snapshot,
     crack_line: tuple[float, float],
     tip: float,
@@ -108,27 +98,28 @@ def _draw_field(
         shading="gouraud",
         rasterized=True,
     )
-    plt.colorbar(image, ax=ax, label="rotation rate of the material [rad/s]", shrink=0.8)
-    some = (slice(None, None, 5), slice(None, None, 5))
-    size = np.hypot(vx, vy)[some]
-    # arrows show direction and, by the root of the speed, also the slow motion of the vortices
-    scale = 1.0 / np.sqrt(np.maximum(size, 1e-30))
-    ax.quiver(
-        (grid[0][some] + tip) * factor,
-        (grid[1][some] + height) * factor,
-        vx[some] * scale,
-        vy[some] * scale,
-        width=0.0018,
-        color="0.1",
+    fig.colorbar(image, ax=ax, label="rotation rate of the material [rad/s]", shrink=0.8)
+    # streamlines of the velocity without the shaking of single elements
+    vx, vy = (gaussian_filter(v, 2) for v in (vx, vy))
+    ax.streamplot(
+        (grid[0][0] + tip) * factor,
+        (grid[1][:, 0] + height) * factor,
+        vx,
+        vy,
+        density=1.7,
+        color="0.15",
+        linewidth=0.7,
+        arrowsize=0.8,
     )
     left = max(start, tip - reach)
     ax.plot(np.array([left, tip]) * factor, np.full(2, height) * factor, color="k", lw=2.5)
     ax.plot(tip * factor, height * factor, ">", color="k", ms=9)
     ax.set(
+        xlim=((tip - reach) * factor, (tip + reach) * factor),
         xlabel=f"x [{unit}]",
         ylabel=f"y [{unit}]",
         aspect="equal",
-        title="Velocity near the tip (arrow length ~ root of speed); black: crack",
+        title="Streamlines of the velocity near the tip (thick line: crack)",
     )
 
 

@@ -49,6 +49,14 @@ def folder(path: str | Path) -> Path:
     return out
 
 
+def unit_of(length: float) -> tuple[float, str]:
+    """A factor and a unit in which a length [m] is a handy number."""
+    for factor, name in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
+        if length * factor >= 0.9:
+            return factor, name
+    return 1e9, "nm"
+
+
 def write_text(path: Path, text: str) -> None:
     """A text file."""
     with whole(path) as part:

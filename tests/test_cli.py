@@ -1,0 +1,113 @@
+import csv
+import json
+import subprocess
+import sys
+
+import pytest
+from pxr import Usd
+
+SMALL = ("--length", "128e-6", "--height", "60e-6", "--notch", "24e-6", "--strain", "0.003")
+
+
+def warpdem(*arguments, cwd=None):
+    command = [sys.executable, "-c", "from warpdem.cli import main; main()", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A small mode I run and its folder."""
+    folder = tmp_path_factory.mktemp("cli")
+    done = warpdem("run", "mode-i", *SMALL, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, folder / "out" / "mode-i"
+
+
+def test_it_says_what_it_does(run):
+    said, _ = run
+    for words in (
+        "compiling kernels, once", "elements", "bonds on cpu in float64", "MB", "of the stability",
+        "about", "terminal speed / Rayleigh speed: 0.", "energy error", "broken bonds", "written",
+    ):  # fmt: skip
+        assert words in said, words
+
+
+def test_it_writes_four_whole_files(run):
+    _, out = run
+    assert sorted(f.name for f in out.iterdir()) == [
+        "broken_bonds.csv", "crack.png", "crack.usd", "run.json",
+    ]  # fmt: skip
+    assert (out / "crack.png").read_bytes().startswith(b"\x89PNG")
+    assert Usd.Stage.Open(str(out / "crack.usd")).GetEndTimeCode() > 3
+
+
+def test_record_and_log_agree(run):
+    _, out = run
+    record = json.loads((out / "run.json").read_text())
+    for key in (
+        "speed_over_rayleigh", "speed_spread", "energy_error", "broken_bonds",
+        "element_steps_per_second", "seconds", "parameters", "machine",
+    ):  # fmt: skip
+        assert key in record, key
+    assert record["parameters"]["strain"] == 0.003
+    assert record["machine"]["versions"]["warp-lang"]
+    with (out / "broken_bonds.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == record["broken_bonds"] > 20
+    assert {"bond", "i", "j", "time [s]", "x [m]", "mode", "released_energy [J]"} <= set(rows[0])
+    assert 0.5 < record["speed_over_rayleigh"] < 1.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--spacing", "-1"), "spacing must be greater than zero"),
+        (("--spacing", "nan"), "spacing is not finite"),
+        (("--strain", "2"), "strain is 2"),
+        (("--poisson", "0.5"), "poisson is 0.5"),
+        (("--criterion", "wish"), "criterion is 'wish'; choose one of 'drucker-prager'"),
+        (("--packing", "heap"), "packing is 'heap'"),
+        (("--precision", "half"), "precision is 'half'"),
+        (("--device", "cuda:9"), "device is 'cuda:9'"),
+        (("--notch", "1"), "notch must be shorter"),
+        (("--refine", "0"), "refine is 0"),
+        (("--out", "file/out"), "cannot write into the folder"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_nothing_written(arguments, says, tmp_path):
+    (tmp_path / "file").touch()
+    done = warpdem("run", "mode-i", *SMALL, *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = [x for x in done.stderr.splitlines() if "CUDA driver" not in x]
+    assert line.startswith("error: ")
+    assert says in line
+    left = [f for f in tmp_path.rglob("*") if f.is_file()]
+    assert left == [tmp_path / "file"]
+
+
+def test_unknown_option_is_refused(tmp_path):
+    done = warpdem("run", "mode-i", "--wish", "1", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--wish" in done.stderr
+
+
+def test_info_names_versions_and_devices():
+    said = warpdem("info").stdout
+    assert "warp-lang 1." in said
+    assert "device cpu" in said
+
+
+def test_validate_prints_json(tmp_path):
+    done = warpdem("validate", "core", "--no-slow", "--json", "--write", str(tmp_path / "v.md"))
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    keys = {"case", "quantity", "reference", "source", "measured", "error", "limit", "seconds"}
+    assert set(found[0]) == keys
+    assert all(c["error"] <= c["limit"] for c in found)
+    assert "## patch-test" in (tmp_path / "v.md").read_text()
+
+
+def test_validate_knows_its_groups():
+    done = warpdem("validate", "wishes")
+    assert done.returncode == 2
+    assert "group is 'wishes'" in done.stderr

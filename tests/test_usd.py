@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom, UsdValidation
+
+import warpdem as wd
+from warpdem.validation import core
+
+
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory):
+    """A body that breaks, written every 40 steps, and the arrays of its last frame."""
+    path = tmp_path_factory.mktemp("usd") / "body.usd"
+    p = core.small_packing("voronoi strain")
+    scene = wd.Scene()
+    body = scene.add(p, wd.Material(1.0, 0.3, 1.0), fracture=wd.Rankine(2e-3))
+    scene.set_velocity(body, 0.01 * np.sign(p.position - p.position.mean(axis=0)))
+    sim = wd.Simulation(scene)
+    sim.observe(wd.UsdWriter(path, every=40))
+    sim.run(steps=120)
+    return path, sim
+
+
+def test_validator_finds_nothing(scene_file):
+    stage = Usd.Stage.Open(str(scene_file[0]))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    found = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert validators
+    errors = [e.GetMessage() for e in found]
+    assert not errors, errors
+
+
+def test_reading_back_gives_the_simulation(scene_file):
+    path, sim = scene_file
+    stage = Usd.Stage.Open(str(path))
+    end = stage.GetEndTimeCode()
+    assert (stage.GetStartTimeCode(), end) == (0, 3)
+    points = UsdGeom.Points(stage.GetPrimAtPath("/World/elements"))
+    place = np.array(points.GetPointsAttr().Get(end))
+    assert place[:, :2] == pytest.approx(sim.position, rel=1e-6)
+    assert not place[:, 2].any()
+    api = UsdGeom.PrimvarsAPI(points)
+    stress = sim.stress
+    mean = np.trace(stress, axis1=1, axis2=2) / 3
+    deviator = stress - mean[:, None, None] * np.eye(3)
+    fields = {
+        "mean_stress": mean,
+        "von_mises": np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))),
+        "damage": sim.damage,
+    }
+    for name, value in fields.items():
+        found = np.array(api.GetPrimvar(name).Get(end))
+        assert np.abs(found - value).max() <= 1e-6 * np.abs(value).max(), name
+    velocity = np.array(api.GetPrimvar("velocity").Get(end))
+    assert np.abs(velocity[:, :2] - sim.velocity).max() < 1e-6 * np.abs(sim.velocity).max()
+    assert list(points.GetIdsAttr().Get()) == list(range(len(place)))
+    time = stage.GetDefaultPrim().GetAttribute("warpdem:time").Get(end)
+    assert time == pytest.approx(sim.time)
+
+
+def test_broken_bonds_are_curves(scene_file):
+    path, sim = scene_file
+    stage = Usd.Stage.Open(str(path))
+    curves = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/broken_bonds"))
+    counts = curves.GetCurveVertexCountsAttr().Get(stage.GetEndTimeCode())
+    assert len(counts) == len(sim.broken_bonds()) > 10
+    assert len(curves.GetPointsAttr().Get(0)) == 0
+
+
+def test_stage_says_what_it_is(scene_file):
+    stage = Usd.Stage.Open(str(scene_file[0]))
+    assert stage.GetDefaultPrim().GetPath() == "/World"
+    assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    points = UsdGeom.Points(stage.GetPrimAtPath("/World/elements"))
+    for frame in range(4):
+        low, high = np.array(points.GetExtentAttr().Get(frame))
+        place = np.array(points.GetPointsAttr().Get(frame))
+        assert (low <= place.min(axis=0)).all()
+        assert (high >= place.max(axis=0)).all()
+
+
+def test_nothing_is_left_under_another_name(scene_file):
+    assert [f.name for f in scene_file[0].parent.iterdir()] == ["body.usd"]
+
+
+def test_bad_targets_are_refused(tmp_path):
+    with pytest.raises(wd.InputError, match=r"must end in \.usd"):
+        wd.UsdWriter(tmp_path / "scene.obj")
+    with pytest.raises(wd.InputError, match="color is 'pressure'"):
+        wd.UsdWriter(tmp_path / "scene.usd", color="pressure")
+    (tmp_path / "file").touch()
+    with pytest.raises(wd.InputError, match="cannot write into the folder"):
+        wd.UsdWriter(tmp_path / "file" / "scene.usd")
