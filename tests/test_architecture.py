@@ -15,7 +15,7 @@ ALLOWED = {
     "scene": {"errors", "material", "bond", "criteria", "packing"},
     "model": {"errors", "bond", "scene"},
     "step": {"kernels", "model"},
-    "stability": {"step"},
+    "stability": {"errors", "model", "step"},
     "simulation": {"errors", "model", "scene", "stability", "step"},
     "observe": {"errors"},
     "write": {"errors", "observe"},

@@ -6,7 +6,7 @@ import sys
 import pytest
 from pxr import Usd
 
-SMALL = ("--length", "128e-6", "--height", "60e-6", "--notch", "24e-6", "--strain", "0.003")
+SMALL = ("--length", "8e-4", "--height", "3.7e-4", "--notch", "1.5e-4", "--strain", "0.0012")
 
 
 def warpdem(*arguments, cwd=None):
@@ -49,7 +49,7 @@ def test_record_and_log_agree(run):
         "element_steps_per_second", "seconds", "parameters", "machine",
     ):  # fmt: skip
         assert key in record, key
-    assert record["parameters"]["strain"] == 0.003
+    assert record["parameters"]["strain"] == 0.0012
     assert record["machine"]["versions"]["warp-lang"]
     with (out / "broken_bonds.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from . import experiments, packing
 from .bond import EVMBond
 from .criteria import DruckerPrager, HuberMisesHencky, Rankine
-from .errors import InputError, NonFiniteError
+from .errors import InputError, ModelWarning, NonFiniteError
 from .material import Material
 from .observe import CrackTracker, Snapshot
 from .packing import Packing
@@ -25,6 +25,7 @@ __all__ = [
     "HuberMisesHencky",
     "InputError",
     "Material",
+    "ModelWarning",
     "NonFiniteError",
     "Observer",
     "Packing",

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+import warnings
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -197,8 +198,13 @@ def info() -> None:
         console.print(f"device {device}")
 
 
+def _print_note(message: Warning | str, *_: object, **__: object) -> None:
+    console.print(f"note: {message}", markup=False)
+
+
 def main() -> None:
     """Run the command line; bad input ends with one sentence and exit status 2."""
+    warnings.showwarning = _print_note
     try:
         app()
     except InputError as error:

@@ -12,6 +12,10 @@ class InputError(ValueError):
     """Input that cannot be simulated; the message names the culprit and what is allowed."""
 
 
+class ModelWarning(UserWarning):
+    """Something a user should know of a scene that can be simulated all the same."""
+
+
 class NonFiniteError(RuntimeError):
     """The run left the finite numbers; the message names element, step and time step."""
 

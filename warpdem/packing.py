@@ -145,6 +145,40 @@ class Packing:
         return np.linalg.norm(self.bond_vector, axis=1)
 
     @cached_property
+    def pieces(self) -> int:
+        """Number of pieces that no bond joins; elements without bonds count as pieces."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        graph = coo_array((np.ones(len(self.bonds)), self.bonds.T), shape=(len(self),) * 2)
+        return int(connected_components(graph, directed=False)[0])
+
+    @cached_property
+    def has_gears(self) -> bool:
+        """Whether neighbours can turn in opposite senses all over, as meshed gears.
+
+        That is so if elements fall into two classes without bonds inside either (square, simple
+        cubic, bcc lattices, chains) and every face is in the middle of its bond.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+        if self.arms is not None:
+            uneven = np.abs(self.arms.sum(axis=1)).max(initial=0.0)
+            if uneven > 1e-9 * np.abs(self.arms).max(initial=0.0):
+                return False
+        n = len(self)
+        graph = coo_array((np.ones(len(self.bonds)), self.bonds.T), shape=(n, n)).tocsr()
+        graph = graph + graph.T
+        label = connected_components(graph, directed=False)[1]
+        odd = np.zeros(n, dtype=bool)
+        for start in np.unique(label, return_index=True)[1]:
+            order, parent = breadth_first_order(graph, start, directed=False)
+            for i in order[1:]:
+                odd[i] = not odd[parent[i]]
+        return len(self.bonds) > 0 and bool((odd[self.bonds[:, 0]] != odd[self.bonds[:, 1]]).all())
+
+    @cached_property
     def exposed_area(self) -> Array:
         """Vector area of each element's free surface [m^2], shape (n, dim): - sum S n."""
         if self.area is None:
@@ -244,6 +278,63 @@ def hexagonal(
     )
 
 
+def square(
+    size: Sequence[float], spacing: float, plane: str = "strain", thickness: float = 1.0
+) -> Packing:
+    """Square cells in a box from (0, 0). Facet bonds leave it with gear modes (theory B8).
+
+    size: width and height [m]; spacing: distance d of neighbours [m].
+    """
+    _box(size, spacing, 2)
+    sites = _sites(size, spacing)
+    return _lattice(
+        (sites + 0.5) * spacing,
+        spacing,
+        volume=spacing**2 * thickness,
+        area=spacing * thickness,
+        sides=_sides(sites),
+        plane=plane,
+        thickness=thickness,
+    )
+
+
+def simple_cubic(size: Sequence[float], spacing: float) -> Packing:
+    """Cubic cells in a box from (0, 0, 0). Facet bonds leave it with gear modes (theory B8).
+
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    """
+    _box(size, spacing, 3)
+    sites = _sites(size, spacing)
+    return _lattice(
+        (sites + 0.5) * spacing,
+        spacing,
+        volume=spacing**3,
+        area=spacing**2,
+        sides=_sides(sites),
+    )
+
+
+def bcc(size: Sequence[float], spacing: float) -> Packing:
+    """Body-centred cubic packing, eight neighbours, in a box from (0, 0, 0).
+
+    The area of its bonds is not that of Voronoi faces, which would need fourteen neighbours, but
+    satisfies the divergence theorem, so that the packing is exactly isotropic (theory B1).
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    """
+    _box(size, spacing, 3)
+    half = spacing / sqrt(3.0)
+    sites = _sites(size, half)
+    sites = sites[np.ptp(sites % 2, axis=1) == 0]
+    volume = 4.0 * spacing**3 / (3.0 * sqrt(3.0))
+    return _lattice(
+        (sites + 0.5) * half,
+        spacing,
+        volume=volume,
+        area=3.0 * volume / (4.0 * spacing),
+        sides=_sides(sites, layers=2),
+    )
+
+
 def fcc(size: Sequence[float], spacing: float) -> Packing:
     """Face-centred cubic packing, cube edges along the axes, in a box from (0, 0, 0).
 
@@ -251,20 +342,14 @@ def fcc(size: Sequence[float], spacing: float) -> Packing:
     """
     _box(size, spacing, 3)
     half = spacing / sqrt(2.0)
-    counts = [round(edge / half) for edge in size]
-    _filled(*counts)
-    sites = np.indices(counts).reshape(3, -1).T
+    sites = _sites(size, half)
     sites = sites[sites.sum(axis=1) % 2 == 0]
-    sides = {}
-    for axis, (low, high) in enumerate(zip(SIDES[::2], SIDES[1::2], strict=True)):
-        sides[low] = sites[:, axis] == 0
-        sides[high] = sites[:, axis] == counts[axis] - 1
     return _lattice(
         (sites + 0.5) * half,
         spacing,
         volume=spacing**3 / sqrt(2.0),
         area=spacing**2 / (2.0 * sqrt(2.0)),
-        sides=sides,
+        sides=_sides(sites),
     )
 
 
@@ -343,7 +428,7 @@ def network(
 
 
 def _lattice(
-    position: Array,
+    position: NDArray[np.floating],
     spacing: float,
     volume: float,
     area: float,
@@ -357,7 +442,7 @@ def _lattice(
     bonds = bonds[np.lexsort((bonds[:, 1], bonds[:, 0]))]
     half = 0.5 * (position[bonds[:, 1]] - position[bonds[:, 0]])
     return Packing(
-        position=position,
+        position=position.astype(np.float64),
         volume=np.full(len(position), volume),
         bonds=bonds,
         area=np.full(len(bonds), area),
@@ -445,6 +530,23 @@ def _faces(vertices: Array, faces: list[list[int]]) -> tuple[Array, Array]:
 def _box(size: Sequence[float], spacing: float, dim: int) -> None:
     positive("size", size, (dim,))
     positive("spacing", spacing, ())
+
+
+def _sites(size: Sequence[float], pitch: float) -> NDArray[np.int64]:
+    """Integer places of a grid that fills a box, (n, dim)."""
+    counts = [round(edge / pitch) for edge in size]
+    _filled(*counts)
+    return np.indices(counts).reshape(len(counts), -1).T
+
+
+def _sides(sites: NDArray[np.int64], layers: int = 1) -> dict[str, Mask]:
+    """The outermost `layers` planes of sites on each side."""
+    sides = {}
+    for axis, (low, high) in enumerate(zip(SIDES[::2], SIDES[1::2], strict=True)):
+        if axis < sites.shape[1]:
+            sides[low] = sites[:, axis] < layers
+            sides[high] = sites[:, axis] > sites[:, axis].max() - layers
+    return sides
 
 
 def _filled(*counts: int) -> None:

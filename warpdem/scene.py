@@ -1,5 +1,6 @@
 """What the user says: bodies and how their elements are bonded, cut, held, strained and loaded."""
 
+import warnings
 from dataclasses import dataclass, field
 from math import isnan
 
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .bond import EVMBond
 from .criteria import Criterion
-from .errors import Array, InputError, finite, first_ids
+from .errors import Array, InputError, ModelWarning, finite, first_ids
 from .material import Material
 from .packing import Mask, Packing
 
@@ -94,6 +95,7 @@ class Scene:
                     "all bodies of a scene share the dimension and the plane state: one is "
                     f"{_space(other.packing)}, this one is {_space(packing)}."
                 )
+        _tell(packing, bond)
         body = Body(packing, material, bond, fracture, has_volume)
         self.bodies.append(body)
         return body
@@ -239,6 +241,25 @@ class Scene:
         if bad.any():
             raise InputError(f"selected ids {first_ids(bad)} lie outside 0..{n - 1}.")
         return chosen.astype(np.int64)
+
+
+def _tell(packing: Packing, bond: str | EVMBond) -> None:
+    """Warn of what makes a body behave in ways that its user may not expect."""
+    if packing.pieces > 1:
+        bonded = np.bincount(packing.bonds.ravel(), minlength=len(packing)) > 0
+        message = f"the body is in {packing.pieces} pieces that no bond joins"
+        if not bonded.all():
+            message += f"; elements {first_ids(~bonded)} have no bond at all"
+        warnings.warn(message + ".", ModelWarning, stacklevel=3)
+    if isinstance(bond, EVMBond) and np.all(np.asarray(bond.bending) > 0.0):
+        return
+    if packing.has_gears:
+        warnings.warn(
+            "neighbours of this packing can turn in opposite senses at no energy (gear modes), so "
+            "spins may grow unnoticed; take another packing or EVM bonds with bending stiffness.",
+            ModelWarning,
+            stacklevel=3,
+        )
 
 
 def _space(packing: Packing) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
 from .model import build, state_arrays
 from .scene import Body, Scene
-from .stability import gathered, largest_frequency
+from .stability import bound_frequency, closing_frequency, gathered, largest_frequency
 from .step import PRECISIONS, Step
 
 SAFETY = 0.8  # share of the stability limit taken by default
@@ -64,7 +64,12 @@ class Simulation:
         step = Step(self.model, linked, 1.0, precision, self.device, simd)
         frequency = largest_frequency(step, max(b.packing.spacing for b in scene.bodies))
         del step
+        bound = bound_frequency(self.model)
+        # where bonds may be unlinked, closed faces may be stiffer than linked ones
+        if self.model.features.has_unlinked:
+            frequency = max(frequency, closing_frequency(self.model))
         self.dt_limit = 2.0 / frequency if frequency > 0.0 else np.inf
+        self.dt_bound = 2.0 / bound if bound > 0.0 else np.inf
         if dt is None:
             if not np.isfinite(self.dt_limit):
                 raise InputError("nothing in this scene vibrates, so dt has no default; give dt.")

@@ -1,8 +1,10 @@
-"""The greatest stable time step (theory A9, B8)."""
+"""The greatest stable time step: found by iteration, and bounded rigorously (theory A9, B8)."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import Array
+from .model import Model, volume_stiffness
 from .step import Step
 
 
@@ -52,6 +54,147 @@ def largest_frequency(step: Step, spacing: float) -> float:
             eigsh(operator, k=1, which="LA", v0=start, tol=1e-3, return_eigenvectors=False)[0]
         )
     return float(np.sqrt(max(greatest, 0.0)))
+
+
+def bound_frequency(model: Model) -> float:
+    """An angular frequency [rad/s] that no small motion exceeds, from blocks of single elements.
+
+    Every bond's energy is 1/2 (A_i x_i + A_j x_j)^T C (A_i x_i + A_j x_j), therefore
+    K <= 2 blockdiag(K_ii) and omega^2 <= 2 max lambda(M_i^-1 K_ii) (theory A9). The volume energy
+    is bounded by springs at
+    the faces (Cauchy-Schwarz, theory B8). Bonds that may be unlinked count with the stiffer of
+    their linked and closing stiffness.
+    """
+    blocks = _Blocks(model)
+    if model.facet_bonds:
+        assert model.facet_stiffness is not None
+        stiffness = model.facet_stiffness + _volume_springs(model)[: model.facet_bonds]
+        if model.listed_bonds is not None and model.facet_listed:
+            assert model.closing_stiffness is not None
+            facets = model.listed_bonds[: model.facet_listed]
+            closing = model.closing_stiffness[: model.facet_listed]
+            stiffness[facets] = np.maximum(stiffness[facets], closing)
+        blocks.add_springs(slice(0, model.facet_bonds), stiffness)
+    if model.evm_bonds:
+        evm = slice(model.facet_bonds, model.bonds)
+        blocks.add_beams(evm)
+        if model.bond_weight is not None:
+            blocks.add_springs(evm, _volume_springs(model)[evm])
+    return float(np.sqrt(2.0 * blocks.greatest()))
+
+
+def closing_frequency(model: Model) -> float:
+    """A bound on the angular frequency [rad/s] of facet bonds that are all unlinked and closed."""
+    if model.listed_bonds is None or not model.facet_listed:
+        return 0.0
+    assert model.closing_stiffness is not None
+    stiffness = np.zeros(model.facet_bonds)
+    facets = model.listed_bonds[: model.facet_listed]
+    stiffness[facets] = model.closing_stiffness[: model.facet_listed]
+    blocks = _Blocks(model)
+    blocks.add_springs(slice(0, model.facet_bonds), stiffness, normal=True)
+    return float(np.sqrt(2.0 * blocks.greatest()))
+
+
+class _Blocks:
+    """Diagonal blocks K_ii of the stiffness matrix, displacement first, then turning."""
+
+    def __init__(self, model: Model) -> None:
+        self.model, self.dim = model, model.features.dim
+        self.spins = 1 if self.dim == 2 else 3
+        size = self.dim + self.spins
+        self.k = np.zeros((model.elements, size, size))
+
+    def add_springs(self, bonds: slice, stiffness: Array, normal: bool = False) -> None:
+        """Springs between facet points, delta = u_j + th_j x c_j - u_i - th_i x c_i.
+
+        In all directions, or along the normal of the face alone.
+        """
+        arm = self.model.bond_arm
+        assert arm is not None
+        ends = (
+            np.stack([arm[:-1], -arm[:-1]], axis=1)
+            if self.model.features.central
+            else (arm[:-2].reshape(-1, 2, self.dim))
+        )
+        for side, element in enumerate((self.model.bond_i, self.model.bond_j)):
+            gradient = np.concatenate(
+                [np.broadcast_to(np.eye(self.dim), (len(stiffness), self.dim, self.dim)),
+                 self._turning(ends[bonds, side])], axis=2,
+            )  # fmt: skip
+            if normal:
+                x = ends[bonds, 0] - ends[bonds, 1]
+                x /= np.linalg.norm(x, axis=1)[:, None]
+                gradient = x[:, None, :] @ gradient
+            k = stiffness[:, None, None] * np.swapaxes(gradient, 1, 2) @ gradient
+            np.add.at(self.k, element[bonds], k)
+
+    def add_beams(self, bonds: slice) -> None:
+        """EVM bonds, linearised (theory A2): c_A, c_D along and across, c_B, c_T in turning."""
+        m = self.model
+        assert m.evm_stiffness is not None and m.evm_length is not None
+        assert m.evm_direction is not None and m.evm_offset is not None
+        b1, b2, b3, b4 = m.evm_stiffness.T
+        a, n = m.evm_length, m.evm_direction
+        shear, bending = b2 / a**2, b2 / 4.0 + b3 + b4 / 2.0
+        along = n[:, :, None] * n[:, None, :]
+        across = np.eye(self.dim) - along
+        for side, element in enumerate((m.bond_i, m.bond_j)):
+            reach = (m.evm_offset[:, side] + 0.5 * a) * (1.0 if side == 0 else -1.0)
+            turn = self._turning(reach[:, None] * n)
+            turn_t = np.swapaxes(turn, 1, 2)
+            c = b1[:, None, None] * along + shear[:, None, None] * across
+            k = np.zeros((len(a), self.dim + self.spins, self.dim + self.spins))
+            k[:, : self.dim, : self.dim] = c
+            k[:, : self.dim, self.dim :] = c @ turn
+            k[:, self.dim :, : self.dim] = turn_t @ c
+            k[:, self.dim :, self.dim :] = turn_t @ c @ turn
+            if self.dim == 2:
+                k[:, 2, 2] += bending
+            else:
+                k[:, 3:, 3:] += bending[:, None, None] * across + b4[:, None, None] * along
+            np.add.at(self.k, element[bonds], k)
+
+    def greatest(self) -> float:
+        """Greatest eigenvalue of M_i^-1 K_ii over all elements."""
+        m = self.model
+        spin = np.repeat(m.inverse_inertia[:, None], self.spins, axis=1)
+        root = np.sqrt(np.concatenate([m.inverse_mass, spin], axis=1))
+        return float(np.linalg.eigvalsh(root[:, :, None] * self.k * root[:, None, :]).max())
+
+    def _turning(self, arm: Array) -> Array:
+        """Matrix of th -> th x c, (b, dim, spins)."""
+        if self.dim == 2:
+            return np.stack([-arm[:, 1], arm[:, 0]], axis=1)[:, :, None]
+        x, y, z = arm.T
+        o = np.zeros_like(x)
+        return np.stack([o, z, -y, -z, o, x, y, -x, o], axis=1).reshape(-1, 3, 3)
+
+
+def _volume_springs(model: Model) -> Array:
+    """Stiffness of springs at the faces that hold no less energy than the volume term (B8)."""
+    if model.bond_weight is None or model.bond_arm is None or model.bond_face is None:
+        return np.zeros(model.bonds)
+    assert model.bond_area is not None and model.element_volume is not None
+    linked = np.append(np.ones(model.bonds), 0.0)
+    a = np.maximum(volume_stiffness(model, linked), 0.0)
+    dim = model.features.dim
+    arm = (
+        model.bond_arm[:-1, None]
+        if model.features.central
+        else (model.bond_arm[:-2].reshape(-1, 2, dim))
+    )
+    face = model.bond_face[:-2].reshape(-1, 2)  # S q
+    acts = model.bond_weight > 0.0
+    square = np.broadcast_to((arm**2).sum(axis=2), face.shape)
+    reach = np.zeros(2 * model.bonds + 2)
+    area = model.bond_area[:, None]
+    np.divide(area**2 * square, face, out=reach[:-2].reshape(-1, 2), where=acts[:, None])
+    x = reach[model.incidence].sum(axis=0) / model.element_volume
+    ends = np.stack([model.bond_i, model.bond_j], axis=1)
+    ax = (a * x)[ends]
+    # S/r0^2 (q_i A_i X_i + q_j A_j X_j), with S q and w = S/r0 at hand
+    return (model.bond_weight / model.bond_area) ** 2 * (face * ax).sum(axis=1)
 
 
 def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
