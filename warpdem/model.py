@@ -10,6 +10,7 @@ from .errors import Array, InputError, first_ids
 from .scene import Body, Scene
 
 Ids = NDArray[np.int32]
+UNKNOWN = 1.0e30  # gap of a pair that was not unlinked before
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {"displacement", "orientation", "bond_arm", "evm_direction", "evm_length", "evm_offset"}
@@ -77,7 +78,7 @@ class Model:
     external_force: Array | None = None
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
     closing_stiffness: Array | None = None  # of the listed bonds: k_c = (lambda + 2 G) S / r0 or B1
-    listed_elements: Ids | None = None  # elements with bonds that may break
+    listed_elements: Ids | None = None  # elements of the listed bonds
     bond_strength: Array | None = None  # of the listed bonds
     near_bonds: Ids | None = None  # all bonds of the listed elements
     near_elements: Ids | None = None  # all elements of the near bonds
@@ -99,10 +100,12 @@ class Model:
         return {name: value for name, value in pairs if isinstance(value, np.ndarray)}
 
 
-def state_arrays(model: Model, scene: Scene, all_linked: bool = False) -> dict[str, NDArray]:
+def state_arrays(
+    model: Model, scene: Scene, linked_bonds: NDArray[np.bool_] | None = None
+) -> dict[str, NDArray]:
     """Arrays that change, at time zero; only those that the scene needs.
 
-    An unlinked bond has no stiffness; `all_linked` takes every bond as linked.
+    An unlinked bond has no stiffness; `linked_bonds` (b,) overrides which are linked.
     """
     f, n, b = model.features, model.elements, model.bonds
     bodies = scene.bodies
@@ -120,13 +123,19 @@ def state_arrays(model: Model, scene: Scene, all_linked: bool = False) -> dict[s
     if f.has_work:
         state["element_work"] = np.zeros(n)
     linked = np.zeros(b + 1)
-    linked[:b] = np.concatenate([x.linked | all_linked for x in in_bond_order(bodies)])
+    present = np.concatenate([x.linked for x in in_bond_order(bodies)])
+    linked[:b] = present if linked_bonds is None else linked_bonds
     if model.facet_stiffness is not None:
         state["facet_stiffness"] = model.facet_stiffness * linked[: model.facet_bonds]
     if model.evm_stiffness is not None:
         state["evm_stiffness"] = model.evm_stiffness * linked[model.facet_bonds : -1, None]
-    if f.has_unlinked:
+    if model.listed_bonds is not None:
         state["bond_linked"] = linked
+        state["closing_gap"] = np.full(len(model.listed_bonds), UNKNOWN)
+        state["closing_debt"] = np.zeros(len(model.listed_bonds))
+        state["closing_impulse"] = np.zeros((b + 1, f.dim))
+        state["closing_twist"] = np.zeros((2 * b + 2, spins))
+        state["any_crossed"] = np.zeros(1, dtype=np.int32)
     if f.has_volume:
         assert model.bond_weight is not None
         state["bond_weight"] = model.bond_weight * linked[:-1]
@@ -359,12 +368,11 @@ def _add_lists(model: Model, stored: list[Body], unlinked: list[NDArray[np.bool_
             model.facet_listed = first
     model.listed_bonds = np.concatenate(listed).astype(np.int32)
     model.closing_stiffness = np.concatenate(closing)
+    touched = np.stack([model.bond_i, model.bond_j])[:, model.listed_bonds]
+    model.listed_elements = np.unique(touched).astype(np.int32)
     if groups:
         model.criteria = tuple(groups)
         model.bond_strength = np.concatenate(strength)
-        breaking = model.listed_bonds[np.isfinite(model.bond_strength)]
-        touched = np.concatenate([model.bond_i[breaking], model.bond_j[breaking]])
-        model.listed_elements = np.unique(touched).astype(np.int32)
         near = np.unique(model.incidence[:, model.listed_elements] >> 1)
         model.near_bonds = near[near < model.bonds].astype(np.int32)
         model.near_facets = int((model.near_bonds < model.facet_bonds).sum())

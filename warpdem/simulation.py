@@ -8,9 +8,9 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
-from .model import build, state_arrays
+from .model import UNKNOWN, build, state_arrays
 from .scene import Body, Scene
-from .stability import bound_frequency, closing_frequency, gathered, largest_frequency
+from .stability import bound_frequency, gathered, largest_frequency, link_states
 from .step import PRECISIONS, Step
 
 SAFETY = 0.8  # share of the stability limit taken by default
@@ -60,14 +60,13 @@ class Simulation:
         self._elements = {
             id(b): slice(*ab) for b, *ab in zip(scene.bodies, starts, starts[1:], strict=False)
         }
-        linked = state_arrays(self.model, scene, all_linked=True)
-        step = Step(self.model, linked, 1.0, precision, self.device, simd)
-        frequency = largest_frequency(step, max(b.packing.spacing for b in scene.bodies))
-        del step
+        spacing = max(b.packing.spacing for b in scene.bodies)
+        frequency = 0.0
+        for linked in link_states(self.model):
+            trial = state_arrays(self.model, scene, linked)
+            step = Step(self.model, trial, 1.0, precision, self.device, simd, slack=UNKNOWN)
+            frequency = max(frequency, largest_frequency(step, spacing))
         bound = bound_frequency(self.model)
-        # where bonds may be unlinked, closed faces may be stiffer than linked ones
-        if self.model.features.has_unlinked:
-            frequency = max(frequency, closing_frequency(self.model))
         self.dt_limit = 2.0 / frequency if frequency > 0.0 else np.inf
         self.dt_bound = 2.0 / bound if bound > 0.0 else np.inf
         if dt is None:
@@ -313,6 +312,7 @@ class Simulation:
                 if bad.any():
                     raise InputError(f"orientation is not of unit length at {first_ids(bad)}.")
             self._step.upload(name, a)
+        self._step.forget_gaps()
         self._step.evaluate_forces()
         self.initial_energies = self._measure()
 

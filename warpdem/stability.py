@@ -83,17 +83,19 @@ def bound_frequency(model: Model) -> float:
     return float(np.sqrt(2.0 * blocks.greatest()))
 
 
-def closing_frequency(model: Model) -> float:
-    """A bound on the angular frequency [rad/s] of facet bonds that are all unlinked and closed."""
-    if model.listed_bonds is None or not model.facet_listed:
-        return 0.0
-    assert model.closing_stiffness is not None
-    stiffness = np.zeros(model.facet_bonds)
-    facets = model.listed_bonds[: model.facet_listed]
-    stiffness[facets] = model.closing_stiffness[: model.facet_listed]
-    blocks = _Blocks(model)
-    blocks.add_springs(slice(0, model.facet_bonds), stiffness, normal=True)
-    return float(np.sqrt(2.0 * blocks.greatest()))
+def link_states(model: Model) -> list[NDArray[np.bool_]]:
+    """States of links whose frequencies stand for those that a run may meet, (b,) each.
+
+    All linked; and, where bonds may be unlinked, all of those unlinked, and a random half.
+    """
+    states = [np.ones(model.bonds, dtype=bool)]
+    if model.listed_bonds is not None:
+        rng = np.random.default_rng(0)
+        for share in (1.0, 0.5):
+            linked = np.ones(model.bonds, dtype=bool)
+            linked[model.listed_bonds] = rng.random(len(model.listed_bonds)) >= share
+            states.append(linked)
+    return states
 
 
 class _Blocks:
@@ -105,11 +107,8 @@ class _Blocks:
         size = self.dim + self.spins
         self.k = np.zeros((model.elements, size, size))
 
-    def add_springs(self, bonds: slice, stiffness: Array, normal: bool = False) -> None:
-        """Springs between facet points, delta = u_j + th_j x c_j - u_i - th_i x c_i.
-
-        In all directions, or along the normal of the face alone.
-        """
+    def add_springs(self, bonds: slice, stiffness: Array) -> None:
+        """Isotropic springs between facet points: delta = u_j + th_j x c_j - u_i - th_i x c_i."""
         arm = self.model.bond_arm
         assert arm is not None
         ends = (
@@ -122,10 +121,6 @@ class _Blocks:
                 [np.broadcast_to(np.eye(self.dim), (len(stiffness), self.dim, self.dim)),
                  self._turning(ends[bonds, side])], axis=2,
             )  # fmt: skip
-            if normal:
-                x = ends[bonds, 0] - ends[bonds, 1]
-                x /= np.linalg.norm(x, axis=1)[:, None]
-                gradient = x[:, None, :] @ gradient
             k = stiffness[:, None, None] * np.swapaxes(gradient, 1, 2) @ gradient
             np.add.at(self.k, element[bonds], k)
 

@@ -13,6 +13,7 @@ from .kernels.evm import (
     evm_closing_energies,
     evm_energies,
     evm_forces,
+    evm_settle,
     evm_unlink,
 )
 from .kernels.facet import (
@@ -20,15 +21,17 @@ from .kernels.facet import (
     facet_closing_energies,
     facet_energies,
     facet_forces,
+    facet_settle,
     facet_unlink,
 )
 from .kernels.fracture import break_bonds, log_breaks
 from .kernels.motion import element_energies, integrator_energies, move
 from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
-from .model import PLACES, Model
+from .model import PLACES, UNKNOWN, Model
 
 Names = tuple[str, ...]
+SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arithmetic of forces, arithmetic of places
 PRECISIONS = {
     "float64": (wp.float64, wp.float64),
@@ -53,8 +56,9 @@ class Step:
         precision: str = "float64",
         device: str = "cpu",
         simd: bool = True,
+        slack: float = 0.0,
     ) -> None:
-        self.model, self.device, self.dt = model, device, dt
+        self.model, self.device, self.dt, self._slack = model, device, dt, slack
         self.real, self.place = PRECISIONS[precision]
         self.count = 0
         self.synchronous = True
@@ -67,8 +71,8 @@ class Step:
         self._simd = simd
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: list[wp.Launch] = []
+        self._flags: dict[str, NDArray] = {}
         self._bind_step()
-        self._broken = self.arrays["any_broken"].numpy() if model.criteria else np.zeros(1)
 
     # -- the outline ------------------------------------------------------------------------------
 
@@ -78,16 +82,25 @@ class Step:
         self.synchronous = False
         self.count += 1
         self.evaluate_forces()
+        if self._settle and self._raised("any_crossed"):
+            for a_pass in self._settle:
+                a_pass.launch()
         if self._fracture:
             for a_pass in self._fracture:
                 a_pass.launch()
-            if self._any_broken():
+            if self._raised("any_broken"):
                 self.break_bonds()
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
         for a_pass in self._forces:
             a_pass.launch()
+
+    def forget_gaps(self) -> None:
+        """Start the books of unlinked pairs anew, after the state was overwritten."""
+        if self.model.listed_bonds is not None:
+            for name, value in (("closing_gap", UNKNOWN), ("closing_debt", 0.0)):
+                self.arrays[name].fill_(value)
 
     def break_bonds(self) -> None:
         """Account for the bonds that broke at this instant, and go on without them.
@@ -183,9 +196,27 @@ class Step:
         self._start = self._move(0.0, half, drifts=True)
         self._finish_and_start = self._move(half, half, drifts=True)
         self._finish = self._move(half, 0.0)
+        self._settle: list[wp.Launch] = []
+        if self.model.listed_bonds is not None:
+            self._bind_settle()
         self._fracture: list[wp.Launch] = []
         if self.model.criteria:
             self._bind_fracture()
+
+    def _bind_settle(self) -> None:
+        """Passes that pay what closing and opening pairs left over, at synchronous velocities."""
+        (s, k), f, half = self._space, self.model.features, 0.5 * self.dt
+        impulses = {
+            "bond_force": self.arrays["closing_impulse"],
+            "bond_torque": self.arrays["closing_twist"],
+        }
+        laws = facet_settle(s, k, f.central, self._simd), evm_settle(s, k, self._simd)
+        self._settle = [self._move(half, 0.0, elements="listed_elements")]
+        for _ in range(SETTLEMENTS):
+            self._settle += self._over_listed(*laws, share=1.0)
+            self._settle.append(self._move(1.0, 0.0, elements="listed_elements", loads=impulses))
+        self._settle += self._over_listed(*laws, share=0.0)
+        self._settle.append(self._move(-half, 0.0, elements="listed_elements"))
 
     def _bind_fracture(self) -> None:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -268,21 +299,25 @@ class Step:
             without = (*unused, *(() if f.has_volume else ("bond_arm",)))
             passes.append(self._bind(law, bonds - facets, without, listed=listed, **numbers))
         return passes + self._over_listed(
-            facet_closing(s, k, f.central, self._simd), evm_closing(s, k, self._simd)
+            facet_closing(s, k, f.central, self._simd),
+            evm_closing(s, k, self._simd),
+            slack=self._slack,
         )
 
-    def _over_listed(self, facet_law, evm_law, unused: Names = ()) -> list[wp.Launch]:
+    def _over_listed(
+        self, facet_law: wp.Kernel, evm_law: wp.Kernel, unused: Names = (), **given: Any
+    ) -> list[wp.Launch]:
         """A pass of each law over the listed bonds that follow it."""
         m = self.model
         if m.listed_bonds is None:
             return []
         listed, passes = self.arrays["listed_bonds"], []
         if m.facet_listed:
-            passes.append(self._bind(facet_law, m.facet_listed, unused, listed=listed))
+            passes.append(self._bind(facet_law, m.facet_listed, unused, listed=listed, **given))
         if listed.size > m.facet_listed:
             numbers: dict[str, Any] = {"first": m.facet_listed, "first_evm": m.facet_bonds}
             count = listed.size - m.facet_listed
-            passes.append(self._bind(evm_law, count, unused, listed=listed, **numbers))
+            passes.append(self._bind(evm_law, count, unused, listed=listed, **numbers, **given))
         return passes
 
     def _unlink(self) -> list[wp.Launch]:
@@ -303,7 +338,12 @@ class Step:
         )
 
     def _move(
-        self, finish: float, start: float, drifts: bool = False, elements: str | None = None
+        self,
+        finish: float,
+        start: float,
+        drifts: bool = False,
+        elements: str | None = None,
+        loads: dict[str, wp.array] | None = None,
     ) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
         law = move(
@@ -319,7 +359,7 @@ class Step:
             "elements": m.elements,
         }
         count = m.elements if listed is None else listed.size
-        return self._bind(law, count, unused, listed=listed, first=0, **numbers)
+        return self._bind(law, count, unused, listed=listed, first=0, **numbers, **(loads or {}))
 
     def _stress(self, listed: str) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -367,14 +407,18 @@ class Step:
         self._near_integrator.launch()
         return self._sum("near_integrator_energy")
 
-    def _any_broken(self) -> bool:
-        flag = self.arrays["any_broken"]
-        if flag.device.is_cpu:  # the NumPy view shares the memory
-            broken, self._broken[0] = bool(self._broken[0]), 0
-            return broken
-        broken = bool(flag.numpy()[0])
-        flag.zero_()
-        return broken
+    def _raised(self, name: str) -> bool:
+        """Whether a pass raised a flag; lowers it."""
+        flag = self.arrays[name]
+        if not flag.device.is_cpu:
+            raised = bool(flag.numpy()[0])
+            flag.zero_()
+            return raised
+        if name not in self._flags:
+            self._flags[name] = flag.numpy()  # a view of the same memory
+        view = self._flags[name]
+        raised, view[0] = bool(view[0]), 0
+        return raised
 
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))

@@ -135,6 +135,10 @@ def _plane(real: type) -> Laws:
         return w * w
 
     @wp.func
+    def spin_dot(a: spin, b: spin) -> real:
+        return a * b
+
+    @wp.func
     def compose(p: spin, c: real, q: rot) -> rot:
         """(p, c) q, normalised."""
         r = rot(p * q[1] + c * q[0], c * q[1] - p * q[0])
@@ -199,6 +203,7 @@ def _plane(real: type) -> Laws:
         axial=axial,
         scalar=scalar,
         spin_squared=spin_squared,
+        spin_dot=spin_dot,
         compose=compose,
         embed=embed,
         load=load,
@@ -249,6 +254,10 @@ def _solid(real: type) -> Laws:
     @wp.func
     def spin_squared(w: spin) -> real:
         return wp.dot(w, w)
+
+    @wp.func
+    def spin_dot(a: spin, b: spin) -> real:
+        return wp.dot(a, b)
 
     @wp.func
     def compose(p: spin, c: real, q: rot) -> rot:
@@ -312,6 +321,7 @@ def _solid(real: type) -> Laws:
         axial=axial,
         scalar=scalar,
         spin_squared=spin_squared,
+        spin_dot=spin_dot,
         compose=compose,
         embed=embed,
         load=load,

@@ -10,6 +10,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
+from .closing import closing
 from .face import face
 from .memory import index, kernel, nn
 from .volume import volume
@@ -63,15 +64,9 @@ def evm(s: Laws) -> Laws:
         return f, ti, tj
 
     @wp.func
-    def closing_energy(stiffness: real, x: measure) -> real:
-        """U = B1/2 <D - a>^2 [J] of an unlinked bond, only if shorter than at rest (theory B11)."""
-        h = wp.min(x.elongation, real(0.0))
-        return real(0.5) * stiffness * h * h
-
-    @wp.func
-    def closing_force(stiffness: real, ri: real, rj: real, x: measure):
-        """Force on i and torques of the closing energy."""
-        f = stiffness * wp.min(x.elongation, real(0.0)) * (x.p - x.bend_i)
+    def closing_force(pull: real, ri: real, rj: real, x: measure):
+        """Force on i and torques of a pull along the bond."""
+        f = pull * (x.p - x.bend_i)
         return f, ri * s.cross(x.p, f), rj * s.cross(x.m, f)
 
     @wp.func
@@ -87,7 +82,6 @@ def evm(s: Laws) -> Laws:
     return Laws(
         energy=energy,
         force=force,
-        closing_energy=closing_energy,
         closing_force=closing_force,
         load_stiffness=load_stiffness,
     )
@@ -212,7 +206,7 @@ def evm_forces(
 @cache
 def evm_closing(s: Laws, k: Laws, simd: bool = True):
     """Pass over listed EVM bonds: unlinked ones resist closing (theory B11)."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
+    kinematics, law, contact, real = evm_kinematics(s, k), evm(s), closing(s), s.real
 
     def evm_closing(
         # model
@@ -230,6 +224,10 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
         # written
         bond_force: wp.array(dtype=real),
         bond_torque: wp.array(dtype=real),
+        closing_gap: wp.array(dtype=real),
+        closing_debt: wp.array(dtype=real),
+        any_crossed: wp.array(dtype=int),
+        slack: real,
         first: int,
         first_evm: int,
     ):
@@ -248,8 +246,9 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
                 displacement,
                 orientation,
             )
+            gap = x.elongation
             f, ti, tj = law.closing_force(
-                closing_stiffness[t],
+                contact.pull(closing_stiffness[t], gap, slack),
                 real(evm_offset[nn(2 * c)]),
                 real(evm_offset[nn(2 * c + 1)]),
                 x,
@@ -257,8 +256,76 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
             s.store(bond_force, b, f)
             s.store_spin(bond_torque, nn(2 * b), ti)
             s.store_spin(bond_torque, nn(2 * b + 1), tj)
+            owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
+            closing_gap[t] = gap
+            if owed != real(0.0):
+                closing_debt[t] = closing_debt[t] + owed
+                any_crossed[0] = 1
 
     return kernel(evm_closing, simd)
+
+
+@cache
+def evm_settle(s: Laws, k: Laws, simd: bool = True):
+    """Pass over listed EVM bonds: pay what their closing or opening left over."""
+    kinematics, contact, real = evm_kinematics(s, k), closing(s), s.real
+
+    def evm_settle(
+        # model
+        listed: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_length: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        velocity: wp.array(dtype=real),
+        angular_velocity: wp.array(dtype=real),
+        # written
+        closing_debt: wp.array(dtype=real),
+        closing_impulse: wp.array(dtype=real),
+        closing_twist: wp.array(dtype=real),
+        share: real,
+        first: int,
+        first_evm: int,
+    ):
+        t = wp.tid() + first
+        b = nn(listed[t])
+        c = nn(b - first_evm)
+        x = kinematics.load_measures(
+            b,
+            c,
+            bond_i,
+            bond_j,
+            evm_direction,
+            evm_length,
+            evm_offset,
+            displacement,
+            orientation,
+        )
+        contact.settle(
+            t,
+            b,
+            nn(bond_i[b]),
+            nn(bond_j[b]),
+            x.p - x.bend_i,
+            real(evm_offset[nn(2 * c)]) * x.p,
+            -real(evm_offset[nn(2 * c + 1)]) * x.m,
+            inverse_mass,
+            inverse_inertia,
+            velocity,
+            angular_velocity,
+            closing_debt,
+            closing_impulse,
+            closing_twist,
+            share,
+        )
+
+    return kernel(evm_settle, simd)
 
 
 @cache
@@ -305,7 +372,7 @@ def evm_energies(s: Laws, k: Laws, is_listed: bool, simd: bool = True):
 @cache
 def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
     """Per listed EVM bond: the energy it holds, or would hold, unlinked [J]."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
+    kinematics, contact, real = evm_kinematics(s, k), closing(s), s.real
 
     def evm_closing_energies(
         # model
@@ -337,7 +404,7 @@ def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
             displacement,
             orientation,
         )
-        closing_energy[t] = law.closing_energy(closing_stiffness[t], x)
+        closing_energy[t] = contact.energy(closing_stiffness[t], x.elongation)
 
     return kernel(evm_closing_energies, simd)
 

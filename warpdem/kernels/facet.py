@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
+from .closing import closing
 from .face import face
 from .memory import index, kernel, nn
 from .volume import volume
@@ -31,26 +32,21 @@ def facet(s: Laws) -> Laws:
         return f, s.cross(ci, f), -s.cross(cj, f)
 
     @wp.func
-    def closing_energy(stiffness: real, delta: vec, p: vec, m: vec) -> real:
-        """U = k_c/2 <gap>^2 [J], gap = delta . n if negative, else 0 (theory B11)."""
-        gap = wp.min(wp.dot(delta, wp.normalize(p + m)), real(0.0))
-        return real(0.5) * stiffness * gap * gap
+    def gap(delta: vec, p: vec, m: vec) -> real:
+        """Opening along the mean of the normals that both elements carry [m]."""
+        return wp.dot(delta, wp.normalize(p + m))
 
     @wp.func
-    def closing_force(stiffness: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec):
-        """Force on i and torques of the closing energy, the turning of n included."""
+    def closing_force(pull: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec):
+        """Force on i and torques of a pull along n, the turning of n included."""
         n = wp.normalize(p + m)
-        gap = wp.dot(delta, n)
-        pull = stiffness * wp.min(gap, real(0.0))
-        slip = (delta - gap * n) / wp.length(p + m)
+        slip = (delta - wp.dot(delta, n) * n) / wp.length(p + m)
         f = pull * n
         ti = s.cross(ci, f) - pull * s.cross(p, slip)
         tj = -s.cross(cj, f) - pull * s.cross(m, slip)
         return f, ti, tj
 
-    return Laws(
-        energy=energy, force=force, closing_energy=closing_energy, closing_force=closing_force
-    )
+    return Laws(energy=energy, force=force, gap=gap, closing_force=closing_force)
 
 
 @cache
@@ -100,7 +96,7 @@ def facet_forces(
 @cache
 def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11)."""
-    geometry, law, real = face(s, k, central), facet(s), s.real
+    geometry, law, contact, real = face(s, k, central), facet(s), closing(s), s.real
 
     def facet_closing(
         # model
@@ -116,6 +112,10 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
         # written
         bond_force: wp.array(dtype=real),
         bond_torque: wp.array(dtype=real),
+        closing_gap: wp.array(dtype=real),
+        closing_debt: wp.array(dtype=real),
+        any_crossed: wp.array(dtype=int),
+        slack: real,
     ):
         t = wp.tid()
         b = nn(listed[t])
@@ -124,12 +124,70 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
                 b, bond_i, bond_j, bond_arm, displacement, orientation
             )
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-            f, ti, tj = law.closing_force(closing_stiffness[t], delta, ci, cj, p, m)
+            gap = law.gap(delta, p, m)
+            pull = contact.pull(closing_stiffness[t], gap, slack)
+            f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
             s.store(bond_force, b, f)
             s.store_spin(bond_torque, nn(2 * b), ti)
             s.store_spin(bond_torque, nn(2 * b + 1), tj)
+            owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
+            closing_gap[t] = gap
+            if owed != real(0.0):
+                closing_debt[t] = closing_debt[t] + owed
+                any_crossed[0] = 1
 
     return kernel(facet_closing, simd)
+
+
+@cache
+def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
+    """Pass over listed facet bonds: pay what their closing or opening left over."""
+    geometry, contact, real = face(s, k, central), closing(s), s.real
+
+    def facet_settle(
+        # model
+        listed: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        velocity: wp.array(dtype=real),
+        angular_velocity: wp.array(dtype=real),
+        # written
+        closing_debt: wp.array(dtype=real),
+        closing_impulse: wp.array(dtype=real),
+        closing_twist: wp.array(dtype=real),
+        share: real,
+    ):
+        t = wp.tid()
+        b = nn(listed[t])
+        delta, ci, cj = geometry.load_opening(
+            b, bond_i, bond_j, bond_arm, displacement, orientation
+        )
+        p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
+        contact.settle(
+            t,
+            b,
+            nn(bond_i[b]),
+            nn(bond_j[b]),
+            wp.normalize(p + m),
+            ci + real(0.5) * delta,
+            cj - real(0.5) * delta,
+            inverse_mass,
+            inverse_inertia,
+            velocity,
+            angular_velocity,
+            closing_debt,
+            closing_impulse,
+            closing_twist,
+            share,
+        )
+
+    return kernel(facet_settle, simd)
 
 
 @cache
@@ -163,7 +221,7 @@ def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool 
 @cache
 def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
     """Per listed facet bond: the energy it holds, or would hold, unlinked [J]."""
-    geometry, law, real = face(s, k, central), facet(s), s.real
+    geometry, law, contact, real = face(s, k, central), facet(s), closing(s), s.real
 
     def facet_closing_energies(
         # model
@@ -184,7 +242,7 @@ def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-        closing_energy[t] = law.closing_energy(closing_stiffness[t], delta, p, m)
+        closing_energy[t] = contact.energy(closing_stiffness[t], law.gap(delta, p, m))
 
     return kernel(facet_closing_energies, simd)
 

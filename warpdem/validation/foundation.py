@@ -158,7 +158,7 @@ def close_and_reopen() -> Iterator[Measurement]:
         scene, body = facet_body(p, poisson)
         scene.cut(body, (1.2, 3.0), (4.8, 3.0))
         rng = np.random.default_rng(4)
-        scene.set_velocity(body, 1e-3 * rng.normal(size=p.position.shape))
+        scene.set_velocity(body, 1e-5 * rng.normal(size=p.position.shape))
         sim = Simulation(scene)
         cut = np.flatnonzero(~sim.linked)
         closed, closings, energy = np.zeros(len(cut), dtype=bool), 0, []
