@@ -107,6 +107,22 @@ def test_validate_prints_json(tmp_path):
     assert "## patch-test" in (tmp_path / "v.md").read_text()
 
 
+def test_a_missed_limit_is_exit_status_1(monkeypatch, capsys):
+    from warpdem import cli
+    from warpdem.validation import CASES, Case, Measurement
+
+    def off():
+        """One quantity that is off."""
+        yield Measurement("a thing", 1.0, "theory", 1.5, 0.5, 0.1)
+
+    monkeypatch.setitem(CASES, "off", Case("off", "trial", False, off))
+    monkeypatch.setattr(sys, "argv", ["warpdem", "validate", "trial"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 1
+    assert "MISS a thing: measured 1.5" in capsys.readouterr().out
+
+
 def test_validate_knows_its_groups():
     done = warpdem("validate", "wishes")
     assert done.returncode == 2

@@ -88,3 +88,54 @@ def test_offsets_must_leave_a_bond(scene):
     scene.add(net, STEEL, bond=wd.EVMBond(1.0, 1.0, 1.0, offset=0.5))
     with pytest.raises(wd.InputError, match="bonds 0: the offsets"):
         wd.Simulation(scene)
+
+
+def test_pieces_and_lone_elements_are_told():
+    two = wd.packing.network([[0, 0], [1, 0], [3, 0], [4, 0], [9, 9]], [[0, 1], [2, 3]], 1.0,
+                             plane="strain")  # fmt: skip
+    bond = wd.EVMBond(1.0, 1.0, 1.0)
+    with pytest.warns(wd.ModelWarning, match="in 3 pieces .* elements 4 have no bond"):
+        wd.Scene().add(two, STEEL, bond=bond)
+
+
+GEARS = {
+    "square": lambda: wd.packing.square((4, 4), 1.0),
+    "simple cubic": lambda: wd.packing.simple_cubic((3, 3, 3), 1.0),
+    "bcc": lambda: wd.packing.bcc((4, 4, 4), 1.0),
+}
+
+
+@pytest.mark.parametrize("name", GEARS)
+def test_gear_modes_are_told_and_cost_nothing(name):
+    shape = GEARS[name]()
+    scene = wd.Scene()
+    with pytest.warns(wd.ModelWarning, match="gear modes"):
+        scene.add(shape, STEEL)
+    # neighbours turned in opposite senses: which sense is which follows from the bonds
+    sense = np.zeros(len(shape))
+    sense[0] = 1.0
+    while not sense.all():
+        for i, j in shape.bonds:
+            sense[j] = sense[j] or -sense[i]
+            sense[i] = sense[i] or -sense[j]
+    sim = wd.Simulation(scene, dt=1e-9)
+    angle = 1e-3 * sense
+    q = np.zeros((len(shape), 2 if shape.dim == 2 else 4))
+    q[:, -2 if shape.dim == 3 else 0], q[:, -1] = np.sin(angle / 2), np.cos(angle / 2)
+    sim.set_state(orientation=q)
+    held = sim.energy()["pair"]
+    q[:, -2 if shape.dim == 3 else 0] = np.sin(5e-4)  # the same turns, all in one sense
+    sim.set_state(orientation=q)
+    assert held < 1e-5 * sim.energy()["pair"]
+
+
+@pytest.mark.parametrize("make", [lambda: wd.packing.hexagonal((4, 4), 1.0),
+                                  lambda: wd.packing.fcc((3, 3, 3), 1.0),
+                                  lambda: wd.packing.voronoi((4, 4), 1.0)])  # fmt: skip
+def test_frustrated_packings_have_no_gears(make):
+    assert not make().has_gears
+
+
+def test_bending_stiffness_cures_gears(recwarn):
+    wd.Scene().add(wd.packing.square((4, 4), 1.0), STEEL, bond=wd.EVMBond(1.0, 1.0, 0.1))
+    assert not recwarn

@@ -167,7 +167,7 @@ def test_limit_of_a_pair_is_exact():
     # two masses 1 on a spring c: omega^2 = 2c
     p = wd.packing.network([[0, 0, 0], [1.0, 0, 0]], [[0, 1]], 1.0, radius=100.0)
     scene = wd.Scene()
-    scene.add(p, SOFT, bond=wd.EVMBond(5.0, 0.0, 0.0))
+    scene.add(p, SOFT, bond=wd.EVMBond(5.0, 0.0, 1e-9))
     assert wd.Simulation(scene).dt_limit == pytest.approx(2 / np.sqrt(2 * 5.0), rel=1e-6)
 
 
@@ -254,6 +254,52 @@ def test_two_bodies_of_both_papers_side_by_side():
     single = wd.Simulation(alone, dt=sim.dt)
     single.run(steps=500)
     assert np.abs(single.displacement - sim.displacement[sim.elements(rod)]).max() < 1e-15
+
+
+def bouncing(bond, dt_share):
+    """Two halves of a cut body thrown at each other; no other bond between them."""
+    p = wd.packing.hexagonal((3, 4 * np.sqrt(3)), 1.0)
+    scene = wd.Scene()
+    body = scene.add(p, SOFT, bond=bond)
+    height = 4 * np.sqrt(3) / 2
+    scene.cut(body, (-1, height), (5, height))
+    upper = p.position[:, 1] > height
+    scene.set_velocity(body, (0.0, -1e-5), where=upper)
+    limit = wd.Simulation(scene).dt_limit
+    return wd.Simulation(scene, dt=dt_share * limit), upper
+
+
+@pytest.mark.parametrize("share", [0.2, 0.8])
+@pytest.mark.parametrize("bond", ["facet", wd.EVMBond(1.0, 0.6, 0.1)], ids=["facet", "evm"])
+def test_halves_bounce_without_gain_or_loss(bond, share):
+    sim, upper = bouncing(bond, share)
+    momentum = (sim.model.mass[:, None] * sim.velocity).sum(axis=0)
+    sim.run(steps=400)
+    mean = sim.velocity[upper].mean(axis=0)[1]
+    assert mean > -1e-6  # it came back, or what it had went into the other half
+    assert abs(sim.energy_error) < 1e-4
+    after = (sim.model.mass[:, None] * sim.velocity).sum(axis=0)
+    assert after == pytest.approx(momentum, abs=1e-12 * np.abs(momentum).max())
+
+
+def test_closing_pairs_do_not_meet_the_traction_twice():
+    # impulses of closing pairs are applied without the external force
+    p = wd.packing.hexagonal((6, 8), 1.0)
+    scene = wd.Scene()
+    body = scene.add(p, SOFT)
+    scene.hold(body, p.bottom)
+    scene.cut(body, (1.2, 4 * np.sqrt(3) / 2), (4.6, 4 * np.sqrt(3) / 2))
+    scene.pull(body, p.top, (0.0, -1e-6))
+    sim = wd.Simulation(scene)
+    sim.run(steps=2000)
+    assert sim.energy()["contact"] > 0.0
+    assert abs(sim.energy_error) < 1e-4
+
+
+def test_bound_is_never_above_the_limit():
+    for shape in ("hex strain", "voronoi strain", "fcc"):
+        sim = vibrating(shape=shape)
+        assert 0.0 < sim.dt_bound <= sim.dt_limit
 
 
 @pytest.mark.gpu

@@ -199,7 +199,7 @@ def info() -> None:
 
 
 def _print_note(message: Warning | str, *_: object, **__: object) -> None:
-    console.print(f"note: {message}", markup=False)
+    errors.print(f"note: {message}", markup=False)
 
 
 def main() -> None:

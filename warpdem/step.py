@@ -346,10 +346,11 @@ class Step:
         loads: dict[str, wp.array] | None = None,
     ) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
+        has_external = f.has_external and loads is None  # impulses come without it
         law = move(
-            s, k, f.slots, f.has_external, f.has_work, drifts, elements is not None, self._simd
+            s, k, f.slots, has_external, f.has_work, drifts, elements is not None, self._simd
         )
-        unused: Names = () if f.has_external else ("external_force",)
+        unused: Names = () if has_external else ("external_force",)
         unused += () if f.has_work else ("element_work",)
         listed = None if elements is None else self.arrays[elements]
         numbers: dict[str, Any] = {

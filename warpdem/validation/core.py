@@ -1,6 +1,5 @@
 """The foundation: laws against the papers and against differences of the energy, patch tests."""
 
-import warnings
 from collections.abc import Iterator
 from functools import cache
 from itertools import product
@@ -10,7 +9,7 @@ import numpy as np
 from .. import packing
 from ..bond import EVMBond
 from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine
-from ..errors import Array, ModelWarning
+from ..errors import Array
 from ..experiments import ModeI, ModeIResult, mode_i
 from ..material import Material
 from ..packing import Packing
@@ -248,9 +247,7 @@ def facet_body(
 ) -> tuple[Scene, Body]:
     """A scene of one body with Young's modulus 1 and density 1."""
     scene = Scene()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # gear modes are of no account here
-        return scene, scene.add(shape, Material(1.0, poisson, 1.0), fracture=fracture)
+    return scene, scene.add(shape, Material(1.0, poisson, 1.0), fracture=fracture)
 
 
 @cache
