@@ -40,6 +40,30 @@ PRECISIONS = {
 }
 
 
+class Passes:
+    """Launches in order, replayed as one graph from their second time on.
+
+    A launch costs several microseconds, a node of a graph a fraction of one.
+    """
+
+    def __init__(self, launches: list[wp.Launch], device: str) -> None:
+        self.launches, self.device = launches, device
+        self.graph: wp.Graph | None = None
+
+    def launch(self) -> None:
+        """Launch them all."""
+        if self.graph is not None:
+            wp.capture_launch(self.graph)
+            return
+        for launch in self.launches:
+            launch.launch()
+        if self.launches:
+            with wp.ScopedCapture(device=self.device) as capture:
+                for launch in self.launches:
+                    launch.launch()
+            self.graph = capture.graph
+
+
 class Step:
     """A model's arrays on a device and the passes over them.
 
@@ -70,7 +94,7 @@ class Step:
                 self.upload(name, value)
         self._simd = simd
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
-        self._energies: list[wp.Launch] = []
+        self._energies: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._bind_step()
 
@@ -78,23 +102,18 @@ class Step:
 
     def advance(self) -> None:
         """From t to t + dt (theory B13)."""
+        # move, evaluate forces, test for fracture
         (self._start if self.synchronous else self._finish_and_start).launch()
         self.synchronous = False
         self.count += 1
-        self.evaluate_forces()
         if self._settle and self._raised("any_crossed"):
-            for a_pass in self._settle:
-                a_pass.launch()
-        if self._fracture:
-            for a_pass in self._fracture:
-                a_pass.launch()
-            if self._raised("any_broken"):
-                self.break_bonds()
+            self._settle.launch()
+        if self.model.criteria and self._raised("any_broken"):
+            self.break_bonds()
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
-        for a_pass in self._forces:
-            a_pass.launch()
+        self._forces.launch()
 
     def forget_gaps(self) -> None:
         """Start the books of unlinked pairs anew, after the state was overwritten."""
@@ -109,12 +128,10 @@ class Step:
         and, so that it can be made again later, unmade with the new ones.
         """
         before = self._near_integrator_energy()
-        for a_pass in self._break:
-            a_pass.launch()
+        self._break.launch()
         self._log.set_param_by_name("step", self.count)
         self._log.launch()
-        for a_pass in self._mend:
-            a_pass.launch()
+        self._mend.launch()
         self.integrator_released += before - self._near_integrator_energy()
 
     def synchronise(self) -> None:
@@ -142,10 +159,9 @@ class Step:
 
         Summed in float64. Call `synchronise` first.
         """
-        if not self._energies:
-            self._bind_energies()
-        for a_pass in self._energies:
-            a_pass.launch()
+        if self._energies is None:
+            self._energies = self._bind_energies()
+        self._energies.launch()
         contact = 0.0
         if self.model.listed_bonds is not None:
             linked = self.arrays["bond_linked"].numpy()[self.model.listed_bonds] == 1.0
@@ -191,19 +207,21 @@ class Step:
     # -- passes -----------------------------------------------------------------------------------
 
     def _bind_step(self) -> None:
-        half = 0.5 * self.dt
-        self._forces = self._force_passes()
-        self._start = self._move(0.0, half, drifts=True)
-        self._finish_and_start = self._move(half, half, drifts=True)
-        self._finish = self._move(half, 0.0)
-        self._settle: list[wp.Launch] = []
+        half, forces, fracture = 0.5 * self.dt, self._force_passes(), []
+        self._settle: Passes | None = None
         if self.model.listed_bonds is not None:
-            self._bind_settle()
-        self._fracture: list[wp.Launch] = []
+            self._settle = self._bind_settle()
         if self.model.criteria:
-            self._bind_fracture()
+            fracture = self._fracture_passes()
+            self._bind_break()
+        self._forces = self._passes(forces)
+        self._start = self._passes([self._move(0.0, half, drifts=True), *forces, *fracture])
+        self._finish_and_start = self._passes(
+            [self._move(half, half, drifts=True), *forces, *fracture]
+        )
+        self._finish = self._move(half, 0.0)
 
-    def _bind_settle(self) -> None:
+    def _bind_settle(self) -> Passes:
         """Passes that pay what closing and opening pairs left over, at synchronous velocities."""
         (s, k), f, half = self._space, self.model.features, 0.5 * self.dt
         impulses = {
@@ -211,25 +229,31 @@ class Step:
             "bond_torque": self.arrays["closing_twist"],
         }
         laws = facet_settle(s, k, f.central, self._simd), evm_settle(s, k, self._simd)
-        self._settle = [self._move(half, 0.0, elements="listed_elements")]
+        passes = [self._move(half, 0.0, elements="listed_elements")]
         for _ in range(SETTLEMENTS):
-            self._settle += self._over_listed(*laws, share=1.0)
-            self._settle.append(self._move(1.0, 0.0, elements="listed_elements", loads=impulses))
-        self._settle += self._over_listed(*laws, share=0.0)
-        self._settle.append(self._move(-half, 0.0, elements="listed_elements"))
+            passes += self._over_listed(*laws, share=1.0)
+            passes.append(self._move(1.0, 0.0, elements="listed_elements", loads=impulses))
+        passes += self._over_listed(*laws, share=0.0)
+        passes.append(self._move(-half, 0.0, elements="listed_elements"))
+        return self._passes(passes)
 
-    def _bind_fracture(self) -> None:
-        (s, k), m, f = self._space, self.model, self.model.features
-        listed = self.arrays["listed_bonds"]
-        self._fracture = [self._stress("listed_elements")]
+    def _fracture_passes(self) -> list[wp.Launch]:
+        """Stress of the elements whose bonds may break, and the test of each criterion."""
+        (s, k), m = self._space, self.model
+        passes = [self._stress("listed_elements")]
         for group in m.criteria:
-            test = break_bonds(s, k, f.central, group.kind, self._simd)
+            test = break_bonds(s, k, m.features.central, group.kind, self._simd)
             numbers: dict[str, Any] = {"ratio": group.ratio, "first": group.first}
-            self._fracture.append(self._bind(test, group.count, listed=listed, **numbers))
+            listed = self.arrays["listed_bonds"]
+            passes.append(self._bind(test, group.count, listed=listed, **numbers))
+        return passes
 
-        half = 0.5 * self.dt
+    def _bind_break(self) -> None:
+        """Passes of a step in which bonds broke."""
+        (s, _), m, f = self._space, self.model, self.model.features
+        listed, half = self.arrays["listed_bonds"], 0.5 * self.dt
         self.upload("listed_linked_energy", np.zeros(listed.size))
-        self._break = [
+        before = [
             self._move(half, 0.0, elements="near_elements"),
             *self._pair_energies("listed_bonds", m.facet_listed),
             *self._closing_energies(),
@@ -237,11 +261,16 @@ class Step:
         if f.has_volume:
             elements = self.arrays["listed_elements"]
             release = volume_release(s, f.slots, self._simd)
-            numbers = {
-                "plane_strain": float(f.plane_strain),
-                "elements": m.elements,
-            }
-            self._break.append(self._bind(release, elements.size, listed=elements, **numbers))
+            before.append(
+                self._bind(
+                    release,
+                    elements.size,
+                    listed=elements,
+                    plane_strain=float(f.plane_strain),
+                    elements=m.elements,
+                )
+            )
+        self._break = self._passes(before)
         self._log = self._bind(
             log_breaks(s, f.has_volume, self._simd),
             listed.size,
@@ -250,15 +279,17 @@ class Step:
             linked_energy=self.arrays["listed_linked_energy"],
             step=0,
         )
-        self._mend = [
-            *self._unlink(),
-            *self._force_passes(near=True),
-            self._move(-half, 0.0, elements="near_elements"),
-        ]
+        self._mend = self._passes(
+            [
+                *self._unlink(),
+                *self._force_passes(near=True),
+                self._move(-half, 0.0, elements="near_elements"),
+            ]
+        )
         self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
         self._near_integrator = self._integrator_energies("near_elements")
 
-    def _bind_energies(self) -> None:
+    def _bind_energies(self) -> Passes:
         (s, _), m, f = self._space, self.model, self.model.features
         for name in ("kinetic_energy", "integrator_energy"):
             self.upload(name, np.zeros(m.elements))
@@ -267,12 +298,14 @@ class Step:
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
             unused = ()
-        self._energies = [
-            self._bind(element_energies(s, f.has_volume, self._simd), m.elements, unused),
-            self._integrator_energies(),
-            *self._pair_energies(),
-            *self._closing_energies(),
-        ]
+        return self._passes(
+            [
+                self._bind(element_energies(s, f.has_volume, self._simd), m.elements, unused),
+                self._integrator_energies(),
+                *self._pair_energies(),
+                *self._closing_energies(),
+            ]
+        )
 
     def _force_passes(self, near: bool = False) -> list[wp.Launch]:
         """Forces of all bonds, or of those near bonds that may break."""
@@ -423,6 +456,9 @@ class Step:
 
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))
+
+    def _passes(self, launches: list[wp.Launch]) -> Passes:
+        return Passes(launches, self.device)
 
     def _bind(self, kernel, dim: int, unused: Names = (), **given: Any) -> wp.Launch:
         """A recorded launch whose arguments are found by name; `unused` ones are left out.

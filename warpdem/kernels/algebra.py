@@ -24,26 +24,28 @@ def space(dim: int, real: type) -> Laws:
     """Algebra of the plane (dim 2) or of space (dim 3) over `real`."""
     laws = _plane(real) if dim == 2 else _solid(real)
     vec3, rot = laws.vec3, laws.rot
-    # ratios of the series' neighbouring terms, from the eighth to the first
-    eight = wp.types.vector(8, real)
-    sinc_ratio = eight(*(1.0 / (2 * n * (2 * n + 1)) for n in range(8, 0, -1)))
-    cosine_ratio = eight(*(1.0 / (2 * n * (2 * n - 1)) for n in range(8, 0, -1)))
+    # ratios of the series' neighbouring terms, from the seventh to the first
+    seven = wp.types.vector(7, real)
+    sinc_ratio = seven(*(1.0 / (2 * n * (2 * n + 1)) for n in range(7, 0, -1)))
+    cosine_ratio = seven(*(1.0 / (2 * n * (2 * n - 1)) for n in range(7, 0, -1)))
 
     @wp.func
     def rotate_by(q: rot, w: laws.spin, dt: real) -> rot:
-        """Exponential map exp(dt w / 2) q (theory A10), normalised.
+        """Exponential map exp(dt w / 2) q (theory A10), kept at unit length.
 
-        Series of sin and cos keep the loop vectorisable; exact to rounding up to 2 rad a step. A
-        faster turn, far above any stable step, is cut off there so that it stays finite.
+        Series of sin and cos keep the loop vectorisable; they are exact to rounding up to 1 rad a
+        step. A faster turn, far above any stable step, is slowed down so that it stays finite.
         """
         h = real(0.5) * dt
-        x = wp.min(h * h * laws.spin_squared(w), real(1.0))
+        x = h * h * laws.spin_squared(w)
+        slowed = wp.min(real(1.0), real(0.25) / wp.max(x, real(1.0e-30)))
+        x = x * slowed * slowed
         sinc = real(1.0)
         cosine = real(1.0)
-        for n in range(8):
+        for n in range(7):
             sinc = real(1.0) - x * sinc * sinc_ratio[n]
             cosine = real(1.0) - x * cosine * cosine_ratio[n]
-        return laws.compose(h * sinc * w, cosine, q)
+        return laws.compose(h * sinc * slowed * w, cosine, q)
 
     @wp.func
     def split(v: vec3, n: vec3) -> vec3:
@@ -140,9 +142,9 @@ def _plane(real: type) -> Laws:
 
     @wp.func
     def compose(p: spin, c: real, q: rot) -> rot:
-        """(p, c) q, normalised."""
+        """(p, c) q; a Newton step keeps the length at 1 without a root or a division."""
         r = rot(p * q[1] + c * q[0], c * q[1] - p * q[0])
-        return r / wp.sqrt(r[0] * r[0] + r[1] * r[1])
+        return (real(1.5) - real(0.5) * wp.dot(r, r)) * r
 
     @wp.func
     def embed(v: vec) -> vec3:
@@ -261,8 +263,9 @@ def _solid(real: type) -> Laws:
 
     @wp.func
     def compose(p: spin, c: real, q: rot) -> rot:
-        """(p, c) q, normalised."""
-        return wp.normalize(rot(p[0], p[1], p[2], c) * q)
+        """(p, c) q; a Newton step keeps the length at 1 without a root or a division."""
+        r = rot(p[0], p[1], p[2], c) * q
+        return (real(1.5) - real(0.5) * wp.dot(r, r)) * r
 
     @wp.func
     def embed(v: vec) -> vec:

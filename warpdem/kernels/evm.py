@@ -192,10 +192,10 @@ def evm_forces(
             )
             gi = volume_stress[nn(bond_i[b])]
             gj = volume_stress[nn(bond_j[b])]
-            fv, tiv, tjv = many.force(bond_weight[b], gi, gj, ci, cj, delta)
-            f += fv
-            ti += tiv
-            tj += tjv
+            fi, fj = many.force(bond_weight[b], gi, gj, ci, cj)
+            f += fi + fj
+            ti += s.cross(ci, fi + fj) + s.cross(delta, fi)
+            tj += s.cross(delta, fj) - s.cross(cj, fi + fj)
         s.store(bond_force, b, f)
         s.store_spin(bond_torque, nn(2 * b), ti)
         s.store_spin(bond_torque, nn(2 * b + 1), tj)

@@ -26,10 +26,9 @@ def facet(s: Laws) -> Laws:
         return real(0.5) * stiffness * wp.dot(delta, delta)
 
     @wp.func
-    def force(stiffness: real, delta: vec, ci: vec, cj: vec):
-        """Force on i [N], -dU/dx_i, and the torques on i and j, acting at the facet points."""
-        f = stiffness * delta
-        return f, s.cross(ci, f), -s.cross(cj, f)
+    def force(stiffness: real, delta: vec) -> vec:
+        """Force on i [N], -dU/dx_i; it acts at the facet points."""
+        return stiffness * delta
 
     @wp.func
     def gap(delta: vec, p: vec, m: vec) -> real:
@@ -78,14 +77,17 @@ def facet_forces(
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
-        f, ti, tj = law.force(facet_stiffness[b], delta, ci, cj)
+        f = law.force(facet_stiffness[b], delta)
         if wp.static(has_volume):
             gi = volume_stress[nn(bond_i[b])]
             gj = volume_stress[nn(bond_j[b])]
-            fv, tiv, tjv = many.force(bond_weight[b], gi, gj, ci, cj, delta)
-            f += fv
-            ti += tiv
-            tj += tjv
+            fi, fj = many.force(bond_weight[b], gi, gj, ci, cj)
+            f = f + fi + fj
+            ti = s.cross(ci, f) + s.cross(delta, fi)
+            tj = s.cross(delta, fj) - s.cross(cj, f)
+        else:
+            ti = s.cross(ci, f)
+            tj = -s.cross(cj, f)
         s.store(bond_force, b, f)
         s.store_spin(bond_torque, nn(2 * b), ti)
         s.store_spin(bond_torque, nn(2 * b + 1), tj)

@@ -30,17 +30,13 @@ def volume(s: Laws) -> Laws:
         return real(0.5) * v * a * dilation * dilation
 
     @wp.func
-    def force(w: real, gi: real, gj: real, ci: vec, cj: vec, delta: vec):
-        """Force on i and torques on i and j of one face, derivative of both elements' energies.
+    def force(w: real, gi: real, gj: real, ci: vec, cj: vec):
+        """The two forces on i of one face, derivatives of the energies of i and of j.
 
-        f_I = g_i w c_i acts at y_j, f_J = -g_j w c_j at y_i, on both bodies (theory B2a).
+        f_I = g_i w c_i acts at y_j, f_J = -g_j w c_j at y_i, on both bodies (theory B2a): beside
+        the torques c x f of forces at each body's own facet point, delta x f_I and delta x f_J.
         """
-        f_own = (gi * w) * ci
-        f_other = -(gj * w) * cj
-        f = f_own + f_other
-        ti = s.cross(ci, f) + s.cross(delta, f_own)
-        tj = -s.cross(cj, f) + s.cross(delta, f_other)
-        return f, ti, tj
+        return (gi * w) * ci, -(gj * w) * cj
 
     return Laws(stiffness=stiffness, energy=energy, force=force)
 
