@@ -62,6 +62,7 @@ class Model:
     inverse_inertia: Array  # (n,), 0 where turning is held
     element_volume: Array  # (n,)
     incidence: Ids  # (slots, n): 2 bond + side
+    bond_place: Ids  # (2 b,): where incidence holds 2 bond + side
     bond_i: Ids
     bond_j: Ids
     bond_area: Array | None = None
@@ -117,8 +118,8 @@ def state_arrays(
         "orientation": orientation,
         "velocity": np.concatenate([x.velocity for x in bodies]),
         "angular_velocity": np.concatenate([x.angular_velocity for x in bodies]),
-        "bond_force": np.zeros((b + 1, f.dim)),
-        "bond_torque": np.zeros((2 * b + 2, spins)),
+        "end_force": np.zeros((f.slots * n, f.dim)),
+        "end_torque": np.zeros((f.slots * n, spins)),
     }
     if f.has_work:
         state["element_work"] = np.zeros(n)
@@ -133,13 +134,13 @@ def state_arrays(
         state["bond_linked"] = linked
         state["closing_gap"] = np.full(len(model.listed_bonds), UNKNOWN)
         state["closing_debt"] = np.zeros(len(model.listed_bonds))
-        state["closing_impulse"] = np.zeros((b + 1, f.dim))
-        state["closing_twist"] = np.zeros((2 * b + 2, spins))
+        state["closing_impulse"] = np.zeros((f.slots * n, f.dim))
+        state["closing_twist"] = np.zeros((f.slots * n, spins))
         state["any_crossed"] = np.zeros(1, dtype=np.int32)
     if f.has_volume:
         assert model.bond_weight is not None
         state["bond_weight"] = model.bond_weight * linked[:-1]
-        state["bond_dilation"] = np.zeros(2 * b + 2)
+        state["end_dilation"] = np.zeros(f.slots * n)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
     if model.criteria:
@@ -227,6 +228,7 @@ def build(scene: Scene) -> Model:
         inverse_inertia=np.where(held_rotation, 0.0, 1.0 / inertia),
         element_volume=volume,
         incidence=incidence,
+        bond_place=np.argsort(incidence, axis=None, kind="stable")[: 2 * bonds].astype(np.int32),
         bond_i=pairs[:, 0].astype(np.int32),
         bond_j=pairs[:, 1].astype(np.int32),
         external_force=force if features.has_external else None,

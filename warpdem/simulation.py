@@ -208,7 +208,8 @@ class Simulation:
     @property
     def bond_force(self) -> Array:
         """Force of every bond on its first element [N], (b, dim)."""
-        return self._step.download("bond_force")[:-1].astype(np.float64)
+        first = self.model.bond_place[::2]
+        return self._step.download("end_force")[first].astype(np.float64)
 
     @property
     def bond_energy(self) -> Array:

@@ -194,8 +194,6 @@ def _volume_springs(model: Model) -> Array:
 
 def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Force [N] and torque [N m] that the bonds exert on every element, summed in float64."""
-    m = step.model
-    force = step.download("bond_force").astype(np.float64)
-    torque = step.download("bond_torque").astype(np.float64)
-    sign = 1.0 - 2.0 * (m.incidence & 1)[..., None]
-    return (sign * force[m.incidence >> 1]).sum(axis=0), torque[m.incidence].sum(axis=0)
+    slots, n = step.model.features.slots, step.model.elements
+    force, torque = (step.download(x).astype(np.float64) for x in ("end_force", "end_torque"))
+    return force.reshape(slots, n, -1).sum(axis=0), torque.reshape(slots, n, -1).sum(axis=0)

@@ -48,11 +48,29 @@ def space(dim: int, real: type) -> Laws:
         return laws.compose(h * sinc * slowed * w, cosine, q)
 
     @wp.func
+    def store_ends(
+        bond_place: wp.array(dtype=int),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
+        b: int,
+        f: laws.vec,
+        ti: laws.spin,
+        tj: laws.spin,
+    ):
+        """Store force f on i, -f on j and the torques of bond b in slots of the two elements."""
+        at_i = nn(bond_place[nn(2 * b)])
+        at_j = nn(bond_place[nn(2 * b + 1)])
+        laws.store(end_force, at_i, f)
+        laws.store(end_force, at_j, -f)
+        laws.store_spin(end_torque, at_i, ti)
+        laws.store_spin(end_torque, at_j, tj)
+
+    @wp.func
     def split(v: vec3, n: vec3) -> vec3:
         """Part of v across the unit vector n."""
         return v - wp.dot(v, n) * n
 
-    return Laws(**vars(laws), rotate_by=rotate_by, split=split)
+    return Laws(**vars(laws), rotate_by=rotate_by, store_ends=store_ends, split=split)
 
 
 @cache

@@ -89,6 +89,7 @@ def closing(s: Laws) -> Laws:
         inverse_inertia: wp.array(dtype=real),
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
+        bond_place: wp.array(dtype=int),
         closing_debt: wp.array(dtype=real),
         closing_impulse: wp.array(dtype=real),
         closing_twist: wp.array(dtype=real),
@@ -106,14 +107,14 @@ def closing(s: Laws) -> Laws:
         yield_both = yielding(i, n, arm_i, inverse_mass, inverse_inertia) + yielding(
             j, n, arm_j, inverse_mass, inverse_inertia
         )
-        last = -wp.dot(s.load(closing_impulse, b), n)
+        last = -wp.dot(s.load(closing_impulse, nn(bond_place[nn(2 * b)])), n)
         debt = closing_debt[t] + real(0.5) * last * speed
         size = real(0.0)
         if debt != real(0.0):
             size = share * impulse(debt, speed, yield_both)
         closing_debt[t] = debt + real(0.5) * size * speed
-        s.store(closing_impulse, b, -size * n)
-        s.store_spin(closing_twist, nn(2 * b), -size * s.cross(arm_i, n))
-        s.store_spin(closing_twist, nn(2 * b + 1), size * s.cross(arm_j, n))
+        twist_i = -size * s.cross(arm_i, n)
+        twist_j = size * s.cross(arm_j, n)
+        s.store_ends(bond_place, closing_impulse, closing_twist, b, -size * n, twist_i, twist_j)
 
     return Laws(energy=energy, pull=pull, left_over=left_over, settle=settle)

@@ -12,7 +12,7 @@ import warp as wp
 from .algebra import Laws, narrow, narrow_spin
 from .closing import closing
 from .face import face
-from .memory import index, kernel, nn
+from .memory import kernel, nn
 from .volume import volume
 
 
@@ -143,7 +143,7 @@ def evm_forces(
     s: Laws, k: Laws, central: bool, has_volume: bool, is_listed: bool, simd: bool = True
 ):
     """Pass over EVM bonds: force on i and the torques on both elements."""
-    kinematics, law, real, at = evm_kinematics(s, k), evm(s), s.real, index(is_listed)
+    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
     geometry, many = face(s, k, central), volume(s)
 
     def evm_forces(
@@ -151,6 +151,7 @@ def evm_forces(
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         evm_direction: wp.array(dtype=k.real),
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
@@ -162,12 +163,14 @@ def evm_forces(
         orientation: wp.array(dtype=k.real),
         volume_stress: wp.array(dtype=real),
         # written
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
         first: int,
         first_evm: int,
     ):
-        b = at(listed, wp.tid() + first)
+        b = nn(wp.tid() + first)
+        if wp.static(is_listed):
+            b = nn(listed[b])
         c = nn(b - first_evm)
         x = kinematics.load_measures(
             b,
@@ -196,9 +199,12 @@ def evm_forces(
             f += fi + fj
             ti += s.cross(ci, fi + fj) + s.cross(delta, fi)
             tj += s.cross(delta, fj) - s.cross(cj, fi + fj)
-        s.store(bond_force, b, f)
-        s.store_spin(bond_torque, nn(2 * b), ti)
-        s.store_spin(bond_torque, nn(2 * b + 1), tj)
+        at_i = nn(bond_place[nn(2 * b)])
+        at_j = nn(bond_place[nn(2 * b + 1)])
+        s.store(end_force, at_i, f)
+        s.store(end_force, at_j, -f)
+        s.store_spin(end_torque, at_i, ti)
+        s.store_spin(end_torque, at_j, tj)
 
     return kernel(evm_forces, simd)
 
@@ -213,6 +219,7 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         evm_direction: wp.array(dtype=k.real),
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
@@ -222,8 +229,8 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
         orientation: wp.array(dtype=k.real),
         bond_linked: wp.array(dtype=real),
         # written
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
         closing_gap: wp.array(dtype=real),
         closing_debt: wp.array(dtype=real),
         any_crossed: wp.array(dtype=int),
@@ -253,9 +260,12 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
                 real(evm_offset[nn(2 * c + 1)]),
                 x,
             )
-            s.store(bond_force, b, f)
-            s.store_spin(bond_torque, nn(2 * b), ti)
-            s.store_spin(bond_torque, nn(2 * b + 1), tj)
+            at_i = nn(bond_place[nn(2 * b)])
+            at_j = nn(bond_place[nn(2 * b + 1)])
+            s.store(end_force, at_i, f)
+            s.store(end_force, at_j, -f)
+            s.store_spin(end_torque, at_i, ti)
+            s.store_spin(end_torque, at_j, tj)
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap
             if owed != real(0.0):
@@ -275,6 +285,7 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         evm_direction: wp.array(dtype=k.real),
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
@@ -319,6 +330,7 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
             inverse_inertia,
             velocity,
             angular_velocity,
+            bond_place,
             closing_debt,
             closing_impulse,
             closing_twist,
@@ -331,7 +343,7 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
 @cache
 def evm_energies(s: Laws, k: Laws, is_listed: bool, simd: bool = True):
     """Per EVM bond: the energy it holds linked [J]."""
-    kinematics, law, real, at = evm_kinematics(s, k), evm(s), s.real, index(is_listed)
+    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
 
     def evm_energies(
         # model
@@ -351,7 +363,9 @@ def evm_energies(s: Laws, k: Laws, is_listed: bool, simd: bool = True):
         first_evm: int,
     ):
         t = wp.tid() + first
-        b = at(listed, t)
+        b = nn(t)
+        if wp.static(is_listed):
+            b = nn(listed[t])
         c = nn(b - first_evm)
         x = kinematics.load_measures(
             b,

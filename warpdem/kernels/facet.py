@@ -11,7 +11,7 @@ import warp as wp
 from .algebra import Laws
 from .closing import closing
 from .face import face
-from .memory import index, kernel, nn
+from .memory import kernel, nn
 from .volume import volume
 
 
@@ -54,13 +54,13 @@ def facet_forces(
 ):
     """Pass over facet bonds: force on i and the torques on both elements."""
     geometry, law, many, real = face(s, k, central), facet(s), volume(s), s.real
-    at = index(is_listed)
 
     def facet_forces(
         # model
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
         # state read
         facet_stiffness: wp.array(dtype=real),
@@ -69,11 +69,13 @@ def facet_forces(
         orientation: wp.array(dtype=k.real),
         volume_stress: wp.array(dtype=real),
         # written
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
         first: int,
     ):
-        b = at(listed, wp.tid() + first)
+        b = nn(wp.tid() + first)
+        if wp.static(is_listed):
+            b = nn(listed[b])
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
@@ -88,9 +90,12 @@ def facet_forces(
         else:
             ti = s.cross(ci, f)
             tj = -s.cross(cj, f)
-        s.store(bond_force, b, f)
-        s.store_spin(bond_torque, nn(2 * b), ti)
-        s.store_spin(bond_torque, nn(2 * b + 1), tj)
+        at_i = nn(bond_place[nn(2 * b)])
+        at_j = nn(bond_place[nn(2 * b + 1)])
+        s.store(end_force, at_i, f)
+        s.store(end_force, at_j, -f)
+        s.store_spin(end_torque, at_i, ti)
+        s.store_spin(end_torque, at_j, tj)
 
     return kernel(facet_forces, simd)
 
@@ -105,6 +110,7 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         # state read
@@ -112,8 +118,8 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
         orientation: wp.array(dtype=k.real),
         bond_linked: wp.array(dtype=real),
         # written
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
         closing_gap: wp.array(dtype=real),
         closing_debt: wp.array(dtype=real),
         any_crossed: wp.array(dtype=int),
@@ -129,9 +135,12 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
             gap = law.gap(delta, p, m)
             pull = contact.pull(closing_stiffness[t], gap, slack)
             f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
-            s.store(bond_force, b, f)
-            s.store_spin(bond_torque, nn(2 * b), ti)
-            s.store_spin(bond_torque, nn(2 * b + 1), tj)
+            at_i = nn(bond_place[nn(2 * b)])
+            at_j = nn(bond_place[nn(2 * b + 1)])
+            s.store(end_force, at_i, f)
+            s.store(end_force, at_j, -f)
+            s.store_spin(end_torque, at_i, ti)
+            s.store_spin(end_torque, at_j, tj)
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap
             if owed != real(0.0):
@@ -151,6 +160,7 @@ def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
@@ -183,6 +193,7 @@ def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
             inverse_inertia,
             velocity,
             angular_velocity,
+            bond_place,
             closing_debt,
             closing_impulse,
             closing_twist,
@@ -195,7 +206,7 @@ def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
 @cache
 def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool = True):
     """Per facet bond: the energy it holds linked [J]."""
-    geometry, law, real, at = face(s, k, central), facet(s), s.real, index(is_listed)
+    geometry, law, real = face(s, k, central), facet(s), s.real
 
     def facet_energies(
         # model
@@ -211,7 +222,9 @@ def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool 
         linked_energy: wp.array(dtype=real),
     ):
         t = wp.tid()
-        b = at(listed, t)
+        b = nn(t)
+        if wp.static(is_listed):
+            b = nn(listed[t])
         delta, _ci, _cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )

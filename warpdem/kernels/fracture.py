@@ -96,12 +96,13 @@ def break_bonds(s: Laws, k: Laws, central: bool, kind: str, simd: bool = True):
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
         bond_area: wp.array(dtype=real),
         bond_strength: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
-        bond_force: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
         stress: wp.array(dtype=real),
         # written
         bond_linked: wp.array(dtype=real),
@@ -117,7 +118,7 @@ def break_bonds(s: Laws, k: Laws, central: bool, kind: str, simd: bool = True):
             return
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         n = s.embed(wp.normalize(p + m))
-        traction = s.embed(s.load(bond_force, b)) / bond_area[b]
+        traction = s.embed(s.load(end_force, nn(bond_place[nn(2 * b)]))) / bond_area[b]
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
         ci = narrowed(geometry.load_arm(bond_arm, nn(2 * b)))
         cj = narrowed(geometry.load_arm(bond_arm, nn(2 * b + 1)))

@@ -1,8 +1,10 @@
 """How device code reads and writes memory, and how its loops become vector code on a CPU.
 
 Arrays are flat and scalar (Warp's loops over arrays of vectors do not vectorise); `space` loads
-vectors from them. Bonds and elements meet in a padded incidence table, slot after slot: an entry is
-2 * bond + side, side 0 for the bond's first element, and a missing bond points at a row of zeros.
+vectors from them. Bonds and elements meet in a padded table, slot after slot: an element's slot
+holds an entry 2 * bond + side, side 0 for the bond's first element, or the row of zeros after the
+last bond. What a bond does to an element it writes into the element's slot (its place), so that an
+element's sum runs over contiguous memory, in a fixed order.
 """
 
 from functools import cache
@@ -48,24 +50,6 @@ def simd_flags() -> str | None:
         + " -ffp-contract=fast -fno-signed-zeros -mprefer-vector-width=512 -Wno-pass-failed"
         + " -DWARPDEM_SIMD=1"
     )
-
-
-@cache
-def index(is_listed: bool):
-    """Index of the t-th element or bond: t itself, or the t-th of a list."""
-    if is_listed:
-
-        @wp.func
-        def looked_up(listed: wp.array(dtype=int), t: int) -> int:
-            return nn(listed[nn(t)])
-
-        return looked_up
-
-    @wp.func
-    def own(listed: wp.array(dtype=int), t: int) -> int:
-        return nn(t)
-
-    return own
 
 
 def kernel(function, simd: bool = True):

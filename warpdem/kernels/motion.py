@@ -8,29 +8,27 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
-from .memory import index, kernel, nn
+from .memory import kernel, nn
 
 
 @cache
 def gather(s: Laws, slots: int, has_external: bool):
-    """Force and torque on an element: the sum over its bonds in a fixed order, never an atomic."""
+    """Force and torque on an element: the sum over its slots in a fixed order, never an atomic."""
     real = s.real
 
     @wp.func
     def load_force(
         i: int,
-        incidence: wp.array(dtype=int),
         external_force: wp.array(dtype=real),
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
         elements: int,
     ):
         f = s.vec()
         t = s.no_spin()
         for slot in range(wp.static(slots)):
-            entry = nn(incidence[nn(slot * elements + i)])
-            f += real(1 - 2 * (entry & 1)) * s.load(bond_force, nn(entry >> 1))
-            t += s.load_spin(bond_torque, entry)
+            f += s.load(end_force, nn(slot * elements + i))
+            t += s.load_spin(end_torque, nn(slot * elements + i))
         if wp.static(has_external):
             f += s.load(external_force, i)
         return f, t
@@ -54,19 +52,18 @@ def move(
     The halves are added one after the other, so that a run that stops between them to be observed
     has the same bits as one that does not. `has_work` adds up the work of forced motion [J].
     """
-    real, load_force, at = s.real, gather(s, slots, has_external), index(is_listed)
+    real, load_force = s.real, gather(s, slots, has_external)
     widened, widened_spin = narrow(k, s), narrow_spin(k, s)
 
     def move(
         # model
         listed: wp.array(dtype=int),
-        incidence: wp.array(dtype=int),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
         external_force: wp.array(dtype=real),
         # state read
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
         # written
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
@@ -79,8 +76,10 @@ def move(
         elements: int,
         first: int,
     ):
-        i = at(listed, wp.tid() + first)
-        f, t = load_force(i, incidence, external_force, bond_force, bond_torque, elements)
+        i = nn(wp.tid() + first)
+        if wp.static(is_listed):
+            i = nn(listed[i])
+        f, t = load_force(i, external_force, end_force, end_torque, elements)
         v = s.load(velocity, i)
         if wp.static(has_work):
             held = s.load(inverse_mass, i)
@@ -113,26 +112,27 @@ def integrator_energies(
 
     Velocity Verlet conserves H - (dt^2/8) sum(|F|^2/m + |M|^2/J) exactly in a linear system.
     """
-    real, load_force, at = s.real, gather(s, slots, has_external), index(is_listed)
+    real, load_force = s.real, gather(s, slots, has_external)
 
     def integrator_energies(
         # model
         listed: wp.array(dtype=int),
-        incidence: wp.array(dtype=int),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
         external_force: wp.array(dtype=real),
         # state read
-        bond_force: wp.array(dtype=real),
-        bond_torque: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
         # written
         integrator_energy: wp.array(dtype=real),
         dt: real,
         elements: int,
     ):
         t = wp.tid()
-        i = at(listed, t)
-        f, m = load_force(i, incidence, external_force, bond_force, bond_torque, elements)
+        i = nn(t)
+        if wp.static(is_listed):
+            i = nn(listed[t])
+        f, m = load_force(i, external_force, end_force, end_torque, elements)
         integrator_energy[t] = (-real(0.125) * dt * dt) * (
             wp.dot(f, wp.cw_mul(s.load(inverse_mass, i), f))
             + inverse_inertia[i] * s.spin_squared(m)

@@ -33,7 +33,7 @@ def element_stress(
         element_volume: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
-        bond_force: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
         # written
         stress: wp.array(dtype=real),
@@ -43,11 +43,11 @@ def element_stress(
         q = k.load_rot(orientation, i)
         t = s.mat3()
         for slot in range(wp.static(slots)):
-            entry = nn(incidence[nn(slot * elements + i)])
+            at = nn(slot * elements + i)
+            entry = nn(incidence[at])
             c0 = geometry.load_arm(bond_arm, entry)
             c = s.embed(narrowed(c0 + k.turn(q, c0)))
-            f = s.embed(s.load(bond_force, nn(entry >> 1)))
-            t += real(1 - 2 * (entry & 1)) * wp.outer(c, f)
+            t += wp.outer(c, s.embed(s.load(end_force, at)))
         t = (real(0.5) / element_volume[i]) * (t + wp.transpose(t))
         if wp.static(plane_strain and has_volume):
             t[2, 2] = volume_stress[i]

@@ -11,7 +11,7 @@ import warp as wp
 
 from .algebra import Laws
 from .face import face
-from .memory import index, kernel, nn
+from .memory import kernel, nn
 
 
 @cache
@@ -44,29 +44,32 @@ def volume(s: Laws) -> Laws:
 @cache
 def face_dilation(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool = True):
     """Pass over bonds: each face's share of V E of its two elements (theory B4)."""
-    geometry, real, at = face(s, k, central), s.real, index(is_listed)
+    geometry, real = face(s, k, central), s.real
 
     def face_dilation(
         # model
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
         # state read
         bond_weight: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
-        bond_dilation: wp.array(dtype=real),
+        end_dilation: wp.array(dtype=real),
         first: int,
     ):
-        b = at(listed, wp.tid() + first)
+        b = nn(wp.tid() + first)
+        if wp.static(is_listed):
+            b = nn(listed[b])
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
         w = bond_weight[b]
-        bond_dilation[nn(2 * b)] = w * wp.dot(ci, delta)
-        bond_dilation[nn(2 * b + 1)] = -w * wp.dot(cj, delta)
+        end_dilation[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, delta)
+        end_dilation[nn(bond_place[nn(2 * b + 1)])] = -w * wp.dot(cj, delta)
 
     return kernel(face_dilation, simd)
 
@@ -74,25 +77,26 @@ def face_dilation(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool =
 @cache
 def volume_stresses(s: Laws, slots: int, is_listed: bool, simd: bool = True):
     """Pass over elements: g_i = A_i E_i."""
-    real, at = s.real, index(is_listed)
+    real = s.real
 
     def volume_stresses(
         # model
         listed: wp.array(dtype=int),
-        incidence: wp.array(dtype=int),
         element_volume: wp.array(dtype=real),
         # state read
         volume_stiffness: wp.array(dtype=real),
-        bond_dilation: wp.array(dtype=real),
+        end_dilation: wp.array(dtype=real),
         # written
         volume_stress: wp.array(dtype=real),
         elements: int,
         first: int,
     ):
-        i = at(listed, wp.tid() + first)
+        i = nn(wp.tid() + first)
+        if wp.static(is_listed):
+            i = nn(listed[i])
         e = real(0.0)
         for slot in range(wp.static(slots)):
-            e += bond_dilation[nn(incidence[nn(slot * elements + i)])]
+            e += end_dilation[nn(slot * elements + i)]
         volume_stress[i] = volume_stiffness[i] * e / element_volume[i]
 
     return kernel(volume_stresses, simd)
@@ -117,7 +121,7 @@ def volume_release(s: Laws, slots: int, simd: bool = True):
         # state read
         bond_linked: wp.array(dtype=real),
         break_step: wp.array(dtype=int),
-        bond_dilation: wp.array(dtype=real),
+        end_dilation: wp.array(dtype=real),
         # written
         volume_stiffness: wp.array(dtype=real),
         element_release: wp.array(dtype=real),
@@ -130,10 +134,11 @@ def volume_release(s: Laws, slots: int, simd: bool = True):
         faces = real(0.0)
         broken = real(0.0)
         for slot in range(wp.static(slots)):
-            entry = nn(incidence[nn(slot * elements + i)])
+            at = nn(slot * elements + i)
+            entry = nn(incidence[at])
             b = nn(entry >> 1)
-            before += bond_dilation[entry]
-            after += bond_linked[b] * bond_dilation[entry]
+            before += end_dilation[at]
+            after += bond_linked[b] * end_dilation[at]
             faces += bond_linked[b] * bond_face[entry]
             if bond_linked[b] == real(0.0) and break_step[b] == -1:
                 broken += real(1.0)
