@@ -10,7 +10,6 @@ from .errors import Array, InputError, first_ids
 from .scene import Body, Scene
 
 Ids = NDArray[np.int32]
-UNKNOWN = 1.0e30  # gap of a pair that was not unlinked before
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {"displacement", "orientation", "bond_arm", "evm_direction", "evm_length", "evm_offset"}
@@ -51,7 +50,6 @@ class Model:
 
     features: Features
     position: Array  # (n, dim) reference place
-    body: Ids  # (n,) index of the body
     facet_bonds: int
     evm_bonds: int
     criteria: tuple[Group, ...]
@@ -132,7 +130,7 @@ def state_arrays(
         state["evm_stiffness"] = model.evm_stiffness * linked[model.facet_bonds : -1, None]
     if model.listed_bonds is not None:
         state["bond_linked"] = linked
-        state["closing_gap"] = np.full(len(model.listed_bonds), UNKNOWN)
+        state["closing_gap"] = np.zeros(len(model.listed_bonds))
         state["closing_debt"] = np.zeros(len(model.listed_bonds))
         state["closing_impulse"] = np.zeros((f.slots * n, f.dim))
         state["closing_twist"] = np.zeros((f.slots * n, spins))
@@ -217,7 +215,6 @@ def build(scene: Scene) -> Model:
     model = Model(
         features=features,
         position=position,
-        body=np.repeat(np.arange(len(bodies), dtype=np.int32), sizes),
         facet_bonds=facet_bonds,
         evm_bonds=bonds - facet_bonds,
         criteria=(),

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
-from .model import UNKNOWN, build, state_arrays
+from .model import build, state_arrays
 from .scene import Body, Scene
 from .stability import bound_frequency, gathered, largest_frequency, link_states
 from .step import PRECISIONS, Step
@@ -64,7 +64,7 @@ class Simulation:
         frequency = 0.0
         for linked in link_states(self.model):
             trial = state_arrays(self.model, scene, linked)
-            step = Step(self.model, trial, 1.0, precision, self.device, simd, slack=UNKNOWN)
+            step = Step(self.model, trial, 1.0, precision, self.device, simd, slack=np.inf)
             frequency = max(frequency, largest_frequency(step, spacing))
         bound = bound_frequency(self.model)
         self.dt_limit = 2.0 / frequency if frequency > 0.0 else np.inf

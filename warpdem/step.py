@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .kernels.algebra import space
+from .kernels.closing import UNKNOWN
 from .kernels.evm import (
     evm_closing,
     evm_closing_energies,
@@ -28,7 +29,7 @@ from .kernels.fracture import break_bonds, log_breaks
 from .kernels.motion import element_energies, integrator_energies, move
 from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
-from .model import PLACES, UNKNOWN, Model
+from .model import PLACES, Model
 
 Names = tuple[str, ...]
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
@@ -90,13 +91,14 @@ class Step:
         self._shapes: dict[str, tuple[int, ...]] = {}
         self.arrays: dict[str, wp.array] = {}
         for name, value in (model.arrays() | state).items():
-            if name != "position" and name != "body":
+            if name != "position":  # places are displacements from it
                 self.upload(name, value)
         self._simd = simd
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
+        self.forget_gaps()
         self._bind_step()
 
     # -- the outline ------------------------------------------------------------------------------

@@ -199,12 +199,7 @@ def evm_forces(
             f += fi + fj
             ti += s.cross(ci, fi + fj) + s.cross(delta, fi)
             tj += s.cross(delta, fj) - s.cross(cj, fi + fj)
-        at_i = nn(bond_place[nn(2 * b)])
-        at_j = nn(bond_place[nn(2 * b + 1)])
-        s.store(end_force, at_i, f)
-        s.store(end_force, at_j, -f)
-        s.store_spin(end_torque, at_i, ti)
-        s.store_spin(end_torque, at_j, tj)
+        s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
 
     return kernel(evm_forces, simd)
 
@@ -260,12 +255,7 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
                 real(evm_offset[nn(2 * c + 1)]),
                 x,
             )
-            at_i = nn(bond_place[nn(2 * b)])
-            at_j = nn(bond_place[nn(2 * b + 1)])
-            s.store(end_force, at_i, f)
-            s.store(end_force, at_j, -f)
-            s.store_spin(end_torque, at_i, ti)
-            s.store_spin(end_torque, at_j, tj)
+            s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap
             if owed != real(0.0):

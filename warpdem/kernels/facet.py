@@ -90,12 +90,7 @@ def facet_forces(
         else:
             ti = s.cross(ci, f)
             tj = -s.cross(cj, f)
-        at_i = nn(bond_place[nn(2 * b)])
-        at_j = nn(bond_place[nn(2 * b + 1)])
-        s.store(end_force, at_i, f)
-        s.store(end_force, at_j, -f)
-        s.store_spin(end_torque, at_i, ti)
-        s.store_spin(end_torque, at_j, tj)
+        s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
 
     return kernel(facet_forces, simd)
 
@@ -135,12 +130,7 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
             gap = law.gap(delta, p, m)
             pull = contact.pull(closing_stiffness[t], gap, slack)
             f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
-            at_i = nn(bond_place[nn(2 * b)])
-            at_j = nn(bond_place[nn(2 * b + 1)])
-            s.store(end_force, at_i, f)
-            s.store(end_force, at_j, -f)
-            s.store_spin(end_torque, at_i, ti)
-            s.store_spin(end_torque, at_j, tj)
+            s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap
             if owed != real(0.0):
