@@ -69,16 +69,16 @@ class CrackProgress:
 
 @run.command("mode-i")
 def mode_i(
-    length: Annotated[float, typer.Option(help="Length of the plate [m].")] = DEFAULT.length,
-    height: Annotated[float, typer.Option(help="Height of the plate [m].")] = DEFAULT.height,
-    spacing: Annotated[float, typer.Option(help="Distance of elements [m].")] = DEFAULT.spacing,
-    notch: Annotated[float, typer.Option(help="Length of the notch [m].")] = DEFAULT.notch,
+    length: Annotated[float, typer.Option(help="Length of the plate, m.")] = DEFAULT.length,
+    height: Annotated[float, typer.Option(help="Height of the plate, m.")] = DEFAULT.height,
+    spacing: Annotated[float, typer.Option(help="Distance of elements, m.")] = DEFAULT.spacing,
+    notch: Annotated[float, typer.Option(help="Length of the notch, m.")] = DEFAULT.notch,
     strain: Annotated[float, typer.Option(help="Strain across the crack.")] = DEFAULT.strain,
-    young: Annotated[float, typer.Option(help="Young's modulus [Pa].")] = DEFAULT.young,
+    young: Annotated[float, typer.Option(help="Young's modulus, Pa.")] = DEFAULT.young,
     poisson: Annotated[float, typer.Option(help="Poisson's ratio.")] = DEFAULT.poisson,
-    density: Annotated[float, typer.Option(help="Density [kg/m^3].")] = DEFAULT.density,
+    density: Annotated[float, typer.Option(help="Density, kg/m^3.")] = DEFAULT.density,
     strength: Annotated[
-        float, typer.Option(help="Tensile strength of the weak plane at this spacing [Pa].")
+        float, typer.Option(help="Tensile strength of the weak plane at this spacing, Pa.")
     ] = DEFAULT.strength,
     bulk_strength: Annotated[
         float, typer.Option(help="Strength elsewhere over the weak plane's; inf: unbreakable.")
