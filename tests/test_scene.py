@@ -139,3 +139,14 @@ def test_frustrated_packings_have_no_gears(make):
 def test_bending_stiffness_cures_gears(recwarn):
     wd.Scene().add(wd.packing.square((4, 4), 1.0), STEEL, bond=wd.EVMBond(1.0, 1.0, 0.1))
     assert not recwarn
+
+
+def test_grips_keep_their_velocity(scene, plate):
+    body = scene.add(plate, STEEL)
+    scene.hold(body, plate.bottom)
+    scene.hold(body, plate.top, velocity=(0.0, 2.0))
+    scene.set_velocity(body, (5.0, 5.0), angular_velocity=[1.0])
+    assert not body.velocity[plate.bottom].any()
+    assert (body.velocity[plate.top] == [0.0, 2.0]).all()
+    assert not body.angular_velocity[plate.top].any()
+    assert (body.velocity[~(plate.top | plate.bottom)] == 5.0).all()

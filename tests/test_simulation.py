@@ -108,6 +108,63 @@ def test_ledger_closes_while_everything_breaks():
     assert abs(sim.energy_error) < 2e-3  # linear to about 1 %: the integrator's term is exact there
 
 
+def test_ledger_starts_anew_after_breaks():
+    sim = breaking()
+    sim.run(steps=100)
+    assert sim.energy()["fracture"] > 0.0
+    sim.set_state(velocity=0.5 * sim.velocity)
+    assert sim.energy()["residual"] == 0.0
+
+
+@pytest.mark.parametrize("volume", [False, True], ids=["pair", "hybrid"])
+def test_evm_bonds_break_and_their_ledger_closes(volume):
+    p = core.small_packing("hex strain")
+    scene = wd.Scene()
+    bond = wd.EVMBond(0.45, 0.45, 0.02, offset=0.1)
+    body = scene.add(p, SOFT, bond=bond, volume=volume, fracture=wd.Rankine(2e-4))
+    scene.set_velocity(body, 1e-3 * np.sign(p.position - p.position.mean(axis=0)))
+    sim = wd.Simulation(scene)
+    sim.run(steps=300)
+    log = sim.broken_bonds()
+    assert len(log) > 20
+    assert log["released_energy"].sum() == pytest.approx(sim.energy()["fracture"])
+    assert abs(sim.energy_error) < 1e-3
+    # a broken bond pulls no more
+    broken = ~sim.linked
+    along = (sim.bond_force[broken] * (sim.position[sim.bonds[broken, 1]]
+             - sim.position[sim.bonds[broken, 0]])).sum(axis=1)  # fmt: skip
+    assert (along <= 1e-12).all()
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+def test_unlinked_evm_bond_is_the_derivative_of_its_energy(offset):
+    p = wd.packing.network([[0, 0, 0], [1.0, 0, 0]], [[0, 1]], 1.0)
+    scene = wd.Scene()
+    body = scene.add(p, SOFT, bond=wd.EVMBond(2.0, 1.0, 1.0, 1.0, offset=offset))
+    scene.cut(body, (0.5, -1, 0), (0.5, 1, 0), depth=(0, 0, 1.0))
+    sim = wd.Simulation(scene, dt=0.1)
+    rng = np.random.default_rng(2)
+    u = np.array([[0.0, 0, 0], [-0.2, 0.05, 0.03]])
+    q = core.random_orientation(rng, 2, 3, 0.1)
+
+    def contact(displacement, orientation):
+        sim.set_state(displacement=displacement, orientation=orientation)
+        return sim.energy()["contact"]
+
+    assert contact(u, q) > 0.0
+    force, torque = sim.force.copy(), sim.torque.copy()
+    h = 1e-6
+    for i in (0, 1):
+        for axis in range(3):
+            step = np.zeros((2, 3))
+            step[i, axis] = h
+            slope = -(contact(u + step, q) - contact(u - step, q)) / (2 * h)
+            assert slope == pytest.approx(force[i, axis], abs=1e-8)
+            ends = [core.turned(q, axis, s * h, slice(i, i + 1)) for s in (1, -1)]
+            slope = -(contact(u, ends[0]) - contact(u, ends[1])) / (2 * h)
+            assert slope == pytest.approx(torque[i, axis], abs=1e-8)
+
+
 def test_ledger_counts_the_work_of_grips_and_tractions():
     p = wd.packing.hexagonal((6, 10), 1.0)
     for load in ("grip", "traction"):

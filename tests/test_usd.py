@@ -91,3 +91,14 @@ def test_bad_targets_are_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(wd.InputError, match="cannot write into the folder"):
         wd.UsdWriter(tmp_path / "file" / "scene.usd")
+
+
+def test_a_run_that_fails_leaves_no_file(tmp_path):
+    scene = wd.Scene()
+    body = scene.add(core.small_packing("hex strain"), wd.Material(1.0, 0.3, 1.0))
+    scene.set_velocity(body, (1e-3, 0.0), where=[3])
+    sim = wd.Simulation(scene, dt=100.0, force_dt=True)
+    sim.observe(wd.UsdWriter(tmp_path / "body.usd", every=1000))
+    with pytest.raises(wd.NonFiniteError):
+        sim.run(steps=20_000)
+    assert not list(tmp_path.iterdir())

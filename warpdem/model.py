@@ -23,7 +23,6 @@ class Features:
     dim: int
     plane_strain: bool
     has_volume: bool
-    has_unlinked: bool
     has_external: bool
     has_work: bool
     slots: int
@@ -171,6 +170,25 @@ def volume_stiffness(model: Model, linked: Array) -> Array:
     return model.element_two_shear * d / (3.0 - d * (s + model.features.plane_strain))
 
 
+def bond_ends(model: Model) -> Array:
+    """Arms from both elements to each face [m], (b, 2, dim)."""
+    arm = model.bond_arm
+    assert arm is not None
+    if model.features.central:
+        return np.stack([arm[:-1], -arm[:-1]], axis=1)
+    return arm[:-2].reshape(-1, 2, model.features.dim)
+
+
+def face_reach(model: Model) -> Array:
+    """X_i = (1/V_i) sum S |c|^2/q over an element's faces with a volume term (theory B8)."""
+    assert model.bond_area is not None and model.bond_face is not None
+    face = model.bond_face[:-2].reshape(-1, 2)  # S q, zero where no volume term acts
+    reach = np.zeros(2 * model.bonds + 2)
+    square = (bond_ends(model) ** 2).sum(axis=2) * model.bond_area[:, None] ** 2
+    np.divide(square, face, out=reach[:-2].reshape(-1, 2), where=face > 0.0)
+    return reach[model.incidence].sum(axis=0) / model.element_volume
+
+
 def build(scene: Scene) -> Model:
     """Arrays of a scene. Raises InputError where its energy would not be positive definite."""
     if not scene.bodies:
@@ -206,7 +224,6 @@ def build(scene: Scene) -> Model:
         dim=dim,
         plane_strain=packing.plane == "strain",
         has_volume=any(b.has_volume for b in bodies),
-        has_unlinked=any(mask.any() for mask in unlinked),
         has_external=bool(force.any()),
         has_work=bool((held & (velocity != 0.0)).any()),
         slots=len(incidence),
@@ -234,7 +251,7 @@ def build(scene: Scene) -> Model:
     _add_laws(model, stored)
     if features.has_volume:
         _add_volume(model, stored, over_bodies)
-    if features.has_unlinked:
+    if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked)
     return model
 
@@ -313,7 +330,7 @@ def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:
     r0 = np.concatenate([b.packing.bond_length for b in stored])
     acts = np.concatenate([np.full(len(b.packing.bonds), b.has_volume) for b in stored])
     model.bond_weight = np.where(acts, model.bond_area / r0, 0.0)
-    arm = np.concatenate([b.packing.arms for b in stored if b.packing.arms is not None])
+    arm = bond_ends(model)
     x = arm[:, 0] - arm[:, 1]
     q = np.einsum("bsk,bk->bs", arm, x) * [1.0, -1.0] / r0[:, None]
     face = np.zeros(2 * model.bonds + 2)
@@ -322,12 +339,8 @@ def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:
     model.element_two_shear = over_bodies(lambda b: 2.0 * b.material.shear_modulus)
     model.element_coupling = over_bodies(lambda b: b.material.coupling if b.has_volume else 0.0)
     if (model.element_coupling < 0.0).any():
-        reach = np.zeros(2 * model.bonds + 2)
-        c2 = (arm**2).sum(axis=2)
-        reach[:-2] = (np.where(acts, model.bond_area, 0.0)[:, None] * c2 / q).ravel()
-        reach_i = reach[model.incidence].sum(axis=0) / model.element_volume
         a = volume_stiffness(model, np.append(np.ones(model.bonds), 0.0))
-        bad = (model.element_coupling < 0.0) & (-a * reach_i > model.element_two_shear)
+        bad = (model.element_coupling < 0.0) & (-a * face_reach(model) > model.element_two_shear)
         if bad.any():
             raise InputError(
                 f"elements {first_ids(bad)}: with a negative Poisson's ratio the energy of these "

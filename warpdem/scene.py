@@ -196,21 +196,30 @@ class Scene:
         angular_velocity: ArrayLike | None = None,
         where: ArrayLike | None = None,
     ) -> None:
-        """Initial velocity [m/s], (dim,) or (n, dim), and spin [rad/s], (1 or 3,) or one a row."""
+        """Initial velocity [m/s], (dim,) or (n, dim), and spin [rad/s], (1 or 3,) or one a row.
+
+        Gripped elements keep what their grip gives them.
+        """
         ids = np.arange(len(body.packing)) if where is None else self._selected(body, where)
-        for name, value, target in (
-            ("velocity", velocity, body.velocity),
-            ("angular_velocity", angular_velocity, body.angular_velocity),
+        for name, value, target, held in (
+            ("velocity", velocity, body.velocity, body.held),
+            (
+                "angular_velocity",
+                angular_velocity,
+                body.angular_velocity,
+                body.held_rotation[:, None],
+            ),
         ):
             if value is not None:
                 v = finite(name, value)
                 try:
-                    target[ids] = np.broadcast_to(v, (len(ids), target.shape[1]))
+                    given = np.broadcast_to(v, (len(ids), target.shape[1]))
                 except ValueError:
                     raise InputError(
                         f"{name} has shape {v.shape}; give ({target.shape[1]},) or "
                         f"({len(ids)}, {target.shape[1]})."
                     ) from None
+                target[ids] = np.where(held[ids], target[ids], given)
 
     def _own(self, body: Body) -> None:
         if not any(body is mine for mine in self.bodies):

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
-from .model import build, state_arrays
+from .model import bond_ends, build, state_arrays
 from .scene import Body, Scene
 from .stability import bound_frequency, gathered, largest_frequency, link_states
 from .step import PRECISIONS, Step
@@ -86,7 +86,6 @@ class Simulation:
         self._observed: dict[int, int] = {}
         self._stopped = False
         self.seconds = 0.0
-        self._initial_energy: float | None = None
         self.initial_energies = self._measure()
 
     # -- running ----------------------------------------------------------------------------------
@@ -224,7 +223,7 @@ class Simulation:
     @property
     def linked(self) -> NDArray[np.bool_]:
         """Whether each bond is linked, (b,)."""
-        if not self.model.features.has_unlinked:
+        if self.model.listed_bonds is None:
             return np.ones(self.model.bonds, dtype=bool)
         return self._step.download("bond_linked")[:-1] == 1.0
 
@@ -265,7 +264,7 @@ class Simulation:
         log = np.zeros(len(rows), dtype=kinds)
         log["bond"], log["i"], log["j"] = bond, m.bond_i[bond], m.bond_j[bond]
         log["step"], log["time"] = step[rows], step[rows] * self.dt
-        place = m.position[m.bond_i[bond]] + m.bond_arm[bond if m.features.central else 2 * bond]
+        place = m.position[m.bond_i[bond]] + bond_ends(m)[bond, 0]
         for axis, name in zip(range(m.features.dim), "xyz", strict=False):
             log[name] = place[:, axis]
         log["normal_stress"] = self._step.download("break_normal")[rows]
@@ -283,8 +282,9 @@ class Simulation:
         missing from their balance.
         """
         ledger = self._measure()
-        before = sum(self.initial_energies[k] for k in HELD)
-        now = sum(ledger[k] for k in (*HELD, "fracture"))
+        before, now = (
+            sum(x[k] for k in (*HELD, "fracture")) for x in (self.initial_energies, ledger)
+        )
         ledger["residual"] = now - before - (ledger["work"] - self.initial_energies["work"])
         return ledger
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import Array
-from .model import Model, volume_stiffness
+from .model import Model, bond_ends, face_reach, volume_stiffness
 from .step import Step
 
 
@@ -61,9 +61,8 @@ def bound_frequency(model: Model) -> float:
 
     Every bond's energy is 1/2 (A_i x_i + A_j x_j)^T C (A_i x_i + A_j x_j), therefore
     K <= 2 blockdiag(K_ii) and omega^2 <= 2 max lambda(M_i^-1 K_ii) (theory A9). The volume energy
-    is bounded by springs at
-    the faces (Cauchy-Schwarz, theory B8). Bonds that may be unlinked count with the stiffer of
-    their linked and closing stiffness.
+    is bounded by springs at the faces (Cauchy-Schwarz, theory B8). Bonds that may be unlinked count
+    with the stiffer of their linked and closing stiffness.
     """
     blocks = _Blocks(model)
     if model.facet_bonds:
@@ -109,13 +108,7 @@ class _Blocks:
 
     def add_springs(self, bonds: slice, stiffness: Array) -> None:
         """Isotropic springs between facet points: delta = u_j + th_j x c_j - u_i - th_i x c_i."""
-        arm = self.model.bond_arm
-        assert arm is not None
-        ends = (
-            np.stack([arm[:-1], -arm[:-1]], axis=1)
-            if self.model.features.central
-            else (arm[:-2].reshape(-1, 2, self.dim))
-        )
+        ends = bond_ends(self.model)
         for side, element in enumerate((self.model.bond_i, self.model.bond_j)):
             gradient = np.concatenate(
                 [np.broadcast_to(np.eye(self.dim), (len(stiffness), self.dim, self.dim)),
@@ -168,24 +161,11 @@ class _Blocks:
 
 def _volume_springs(model: Model) -> Array:
     """Stiffness of springs at the faces that hold no less energy than the volume term (B8)."""
-    if model.bond_weight is None or model.bond_arm is None or model.bond_face is None:
+    if model.bond_weight is None or model.bond_face is None or model.bond_area is None:
         return np.zeros(model.bonds)
-    assert model.bond_area is not None and model.element_volume is not None
     linked = np.append(np.ones(model.bonds), 0.0)
     a = np.maximum(volume_stiffness(model, linked), 0.0)
-    dim = model.features.dim
-    arm = (
-        model.bond_arm[:-1, None]
-        if model.features.central
-        else (model.bond_arm[:-2].reshape(-1, 2, dim))
-    )
-    face = model.bond_face[:-2].reshape(-1, 2)  # S q
-    acts = model.bond_weight > 0.0
-    square = np.broadcast_to((arm**2).sum(axis=2), face.shape)
-    reach = np.zeros(2 * model.bonds + 2)
-    area = model.bond_area[:, None]
-    np.divide(area**2 * square, face, out=reach[:-2].reshape(-1, 2), where=acts[:, None])
-    x = reach[model.incidence].sum(axis=0) / model.element_volume
+    face, x = model.bond_face[:-2].reshape(-1, 2), face_reach(model)
     ends = np.stack([model.bond_i, model.bond_j], axis=1)
     ax = (a * x)[ends]
     # S/r0^2 (q_i A_i X_i + q_j A_j X_j), with S q and w = S/r0 at hand

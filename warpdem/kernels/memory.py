@@ -37,7 +37,8 @@ def simd_flags() -> str | None:
 
     Warp runs a CPU kernel as one scalar loop. A pragma in its code template, active only in kernels
     compiled with these flags, states that iterations are independent. That holds for kernels that
-    write at their own index only; one with an atomic would silently lose updates.
+    write at their own index, into their own bond's slots, or one constant into a flag; one with an
+    atomic would silently lose updates.
     """
     import warp._src.codegen as codegen
 

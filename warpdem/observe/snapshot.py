@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 class Snapshot:
     """Keeps places and velocities the first time a condition holds, looking every `every` steps.
 
-    After it was taken: time [s], position [m] and velocity [m/s] (n, dim), tip of the condition's
-    choosing; `taken` says whether it was.
+    After it was taken: time [s], position [m] and velocity [m/s] (n, dim); `taken`
+    says whether it was.
     """
 
     def __init__(self, when: Callable[[Simulation], bool], every: int = 20) -> None:

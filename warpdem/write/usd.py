@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from ..errors import Array, InputError, one_of
-from .whole import folder, temporary
+from .whole import folder, whole
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -57,16 +56,12 @@ class UsdWriter:
         """Save the file under its own name; a later run starts it anew."""
         if self._stage is None:
             return
-        part = temporary(self.path)
-        self._stage.GetRootLayer().Save()
-        self._stage = None
-        os.replace(part, self.path)
-        self._frame = 0
+        with whole(self.path) as part:
+            self._stage.GetRootLayer().Export(str(part))
+        self._stage, self._frame = None, 0
 
     def _open(self, sim: Simulation) -> Usd.Stage:
-        part = temporary(self.path)
-        part.unlink(missing_ok=True)
-        stage = Usd.Stage.CreateNew(str(part))
+        stage = Usd.Stage.CreateInMemory()
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
         stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)

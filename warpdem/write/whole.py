@@ -15,16 +15,11 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 
-def temporary(path: Path) -> Path:
-    """A name beside `path` with its ending, under which it is written until it is whole."""
-    return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
-
-
 @contextmanager
 def whole(path: str | Path) -> Iterator[Path]:
     """Yields a temporary name beside `path`, renamed to it at the end, removed on any error."""
     final = Path(path)
-    part = temporary(final)
+    part = final.with_name(f".{final.stem}.{os.getpid()}.part{final.suffix}")
     try:
         yield part
         os.replace(part, final)
