@@ -1,0 +1,166 @@
+"""Lattices in boxes."""
+
+from collections.abc import Mapping, Sequence
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .packing import SIDES, Mask, Packing, check_box
+
+
+def hexagonal(
+    size: Sequence[float], spacing: float, plane: str = "strain", thickness: float = 1.0
+) -> Packing:
+    """Close-packed rows along x in a box from (0, 0), cells of area sqrt(3)/2 spacing^2.
+
+    size: width and height [m] of the box; spacing: distance d of neighbours [m]; plane: "strain"
+    or "stress"; thickness [m].
+    """
+    check_box(size, spacing, 2)
+    pitch = sqrt(3.0) / 2.0 * spacing
+    columns, rows = round(size[0] / spacing), round(size[1] / pitch)
+    _filled(columns, rows)
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    x = (column + 0.25 + 0.5 * (row % 2)) * spacing
+    y = (row + 0.5) * pitch
+    sides = {
+        "left": column == 0,
+        "right": column == columns - 1,
+        "bottom": row == 0,
+        "top": row == rows - 1,
+    }
+    return _lattice(
+        np.stack([x, y], axis=1),
+        spacing,
+        volume=pitch * spacing * thickness,
+        area=spacing / sqrt(3.0) * thickness,
+        sides=sides,
+        plane=plane,
+        thickness=thickness,
+    )
+
+
+def square(
+    size: Sequence[float], spacing: float, plane: str = "strain", thickness: float = 1.0
+) -> Packing:
+    """Square cells in a box from (0, 0). Facet bonds leave it with gear modes (theory B8).
+
+    size: width and height [m]; spacing: distance d of neighbours [m].
+    """
+    check_box(size, spacing, 2)
+    sites = _sites(size, spacing)
+    return _lattice(
+        (sites + 0.5) * spacing,
+        spacing,
+        volume=spacing**2 * thickness,
+        area=spacing * thickness,
+        sides=_sides(sites),
+        plane=plane,
+        thickness=thickness,
+    )
+
+
+def simple_cubic(size: Sequence[float], spacing: float) -> Packing:
+    """Cubic cells in a box from (0, 0, 0). Facet bonds leave it with gear modes (theory B8).
+
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    """
+    check_box(size, spacing, 3)
+    sites = _sites(size, spacing)
+    return _lattice(
+        (sites + 0.5) * spacing,
+        spacing,
+        volume=spacing**3,
+        area=spacing**2,
+        sides=_sides(sites),
+    )
+
+
+def bcc(size: Sequence[float], spacing: float) -> Packing:
+    """Body-centred cubic packing, eight neighbours, in a box from (0, 0, 0).
+
+    The area of its bonds is not that of Voronoi faces, which would need fourteen neighbours, but
+    satisfies the divergence theorem, so that the packing is exactly isotropic (theory B1).
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    """
+    check_box(size, spacing, 3)
+    half = spacing / sqrt(3.0)
+    sites = _sites(size, half)
+    sites = sites[np.ptp(sites % 2, axis=1) == 0]
+    volume = 4.0 * spacing**3 / (3.0 * sqrt(3.0))
+    return _lattice(
+        (sites + 0.5) * half,
+        spacing,
+        volume=volume,
+        area=3.0 * volume / (4.0 * spacing),
+        sides=_sides(sites, layers=2),
+    )
+
+
+def fcc(size: Sequence[float], spacing: float) -> Packing:
+    """Face-centred cubic packing, cube edges along the axes, in a box from (0, 0, 0).
+
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    """
+    check_box(size, spacing, 3)
+    half = spacing / sqrt(2.0)
+    sites = _sites(size, half)
+    sites = sites[sites.sum(axis=1) % 2 == 0]
+    return _lattice(
+        (sites + 0.5) * half,
+        spacing,
+        volume=spacing**3 / sqrt(2.0),
+        area=spacing**2 / (2.0 * sqrt(2.0)),
+        sides=_sides(sites),
+    )
+
+
+def _lattice(
+    position: NDArray[np.floating],
+    spacing: float,
+    volume: float,
+    area: float,
+    sides: Mapping[str, Mask],
+    plane: str | None = None,
+    thickness: float = 1.0,
+) -> Packing:
+    from scipy.spatial import cKDTree
+
+    bonds = cKDTree(position).query_pairs(1.01 * spacing, output_type="ndarray").astype(np.int64)
+    bonds = bonds[np.lexsort((bonds[:, 1], bonds[:, 0]))]
+    half = 0.5 * (position[bonds[:, 1]] - position[bonds[:, 0]])
+    return Packing(
+        position=position.astype(np.float64),
+        volume=np.full(len(position), volume),
+        bonds=bonds,
+        area=np.full(len(bonds), area),
+        arms=np.stack([half, -half], axis=1),
+        plane=plane,
+        thickness=thickness,
+        spacing=spacing,
+        sides=sides,
+    )
+
+
+def _sites(size: Sequence[float], pitch: float) -> NDArray[np.int64]:
+    """Integer places of a grid that fills a box, (n, dim)."""
+    counts = [round(edge / pitch) for edge in size]
+    _filled(*counts)
+    return np.indices(counts).reshape(len(counts), -1).T
+
+
+def _sides(sites: NDArray[np.int64], layers: int = 1) -> dict[str, Mask]:
+    """The outermost `layers` planes of sites on each side."""
+    sides = {}
+    for axis, (low, high) in enumerate(zip(SIDES[::2], SIDES[1::2], strict=True)):
+        if axis < sites.shape[1]:
+            sides[low] = sites[:, axis] < layers
+            sides[high] = sites[:, axis] > sites[:, axis].max() - layers
+    return sides
+
+
+def _filled(*counts: int) -> None:
+    if min(counts) < 1:
+        raise InputError("the box holds no element; enlarge size or reduce spacing.")

@@ -1,0 +1,252 @@
+"""What a packing is, and the checks on it (theory B1)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import Array, InputError, finite, first_ids, one_of, positive
+
+Mask = NDArray[np.bool_]
+SIDES = ("left", "right", "bottom", "top", "back", "front")  # along x, y, z
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Elements and the bonds between them, in the reference state.
+
+    position [m], shape (n, dim), dim 2 or 3; volume [m^3] (n,); radius [m] (n,): of the sphere or
+    disc whose inertia the element has, by default that of equal volume.
+    bonds: element ids i, j of each bond (b, 2). Bonds of a tessellation have faces: area [m^2] (b,)
+    and arms [m] (b, 2, dim), from the centres of i and of j to the face's centroid.
+    plane: "strain" or "stress" of a plane packing of the given thickness [m], None in space.
+    sides: named boundary layers as masks of elements.
+
+    Raises InputError naming the first ids that are non-finite, duplicate, out of range, not
+    positive, or not closed.
+    """
+
+    position: Array
+    volume: Array
+    bonds: NDArray[np.int64]
+    area: Array | None = None
+    arms: Array | None = None
+    radius: Array | None = None
+    plane: str | None = None
+    thickness: float = 1.0
+    spacing: float = 0.0
+    sides: Mapping[str, Mask] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        position = finite("position", self.position, (None, None))
+        n, dim = position.shape
+        if dim not in (2, 3):
+            raise InputError(f"position has {dim} columns; give 2 in the plane, 3 in space.")
+        if n == 0:
+            raise InputError("the packing has no elements; enlarge it or reduce the spacing.")
+        one_of("plane", self.plane, ("strain", "stress") if dim == 2 else (None,))
+        set_ = object.__setattr__
+        set_(self, "position", position)
+        set_(self, "volume", positive("volume", self.volume, (n,)))
+        positive("thickness", self.thickness, ())
+        v = self.volume / self.thickness
+        equal = np.sqrt(v / pi) if dim == 2 else np.cbrt(0.75 * v / pi)
+        radius = equal if self.radius is None else self.radius
+        set_(self, "radius", positive("radius", radius, (n,)))
+        self._check_bonds()
+        if self.spacing == 0.0:
+            length = self.bond_length
+            set_(self, "spacing", float(length.mean()) if len(length) else 0.0)
+
+    def _check_bonds(self) -> None:
+        n, dim = self.position.shape
+        bonds = np.asarray(self.bonds)
+        if bonds.size == 0:
+            bonds = np.zeros((0, 2), dtype=np.int64)
+        if bonds.ndim != 2 or bonds.shape[1] != 2 or bonds.dtype.kind not in "iu":
+            raise InputError("bonds must be pairs of element ids, integers of shape (b, 2).")
+        object.__setattr__(self, "bonds", bonds.astype(np.int64))
+        bad = ((bonds < 0) | (bonds >= n)).any(axis=1)
+        if bad.any():
+            raise InputError(f"bonds {first_ids(bad)} name elements outside 0..{n - 1}.")
+        bad = bonds[:, 0] == bonds[:, 1]
+        if bad.any():
+            raise InputError(f"bonds {first_ids(bad)} join an element to itself.")
+        ordered = np.sort(bonds, axis=1)
+        _, first, inverse = np.unique(ordered, axis=0, return_index=True, return_inverse=True)
+        bad = first[inverse.ravel()] != np.arange(len(bonds))
+        if bad.any():
+            raise InputError(f"bonds {first_ids(bad)} join pairs that earlier bonds join already.")
+        _, first, inverse = np.unique(self.position, axis=0, return_index=True, return_inverse=True)
+        bad = first[inverse.ravel()] != np.arange(n)
+        if bad.any():
+            raise InputError(f"elements {first_ids(bad)} lie on the same place as others.")
+        if (self.area is None) != (self.arms is None):
+            raise InputError("give both area and arms of the faces, or neither.")
+        if self.area is not None and self.arms is not None:
+            object.__setattr__(self, "area", positive("area", self.area, (len(bonds),)))
+            arms = finite("arms", self.arms, (len(bonds), 2, dim))
+            object.__setattr__(self, "arms", arms)
+            self._check_faces()
+
+    def _check_faces(self) -> None:
+        """Faces meet (c_i - c_j = x_j - x_i), lie between the centres, and close (theory B1, G)."""
+        assert self.area is not None and self.arms is not None
+        x = self.bond_vector
+        gap = np.linalg.norm(self.arms[:, 0] - self.arms[:, 1] - x, axis=1)
+        bad = gap > 1e-9 * self.bond_length
+        if bad.any():
+            raise InputError(f"bonds {first_ids(bad)}: the two arms do not meet at one point.")
+        q = np.einsum("bsk,bk->bs", self.arms, x) * [1.0, -1.0]
+        bad = (q <= 0.0).any(axis=1)
+        if bad.any():
+            raise InputError(f"bonds {first_ids(bad)}: the face is not between the two centres.")
+        n, dim = self.position.shape
+        normal = x / self.bond_length[:, None]
+        closure = self.exposed_area
+        size = (
+            self.volume ** (1.0 - 1.0 / dim) if dim == 3 else np.sqrt(self.volume * self.thickness)
+        )
+        inner = np.linalg.norm(closure, axis=1) < 1e-9 * size
+        moment = np.zeros((n, dim, dim))
+        for side in (0, 1):
+            sn = (1 - 2 * side) * self.area[:, None] * normal
+            np.add.at(moment, self.bonds[:, side], self.arms[:, side, :, None] * sn[:, None, :])
+        error = np.abs(moment - self.volume[:, None, None] * np.eye(dim)).max(axis=(1, 2))
+        # a chain or a sheet one element thick is closed in no other sense: its faces fill less
+        filled = np.trace(moment, axis1=1, axis2=2) / (dim * self.volume)
+        inner &= filled > 0.9
+        bad = (inner & (error > 1e-8 * self.volume)) | (filled > 1.0 + 1e-8)
+        if bad.any():
+            raise InputError(
+                f"the faces of elements {first_ids(bad)} do not enclose their volume: "
+                "sum S c (x) n must be V times the unit tensor."
+            )
+
+    @property
+    def dim(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return int(self.position.shape[1])
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @cached_property
+    def bond_vector(self) -> Array:
+        """x_j - x_i [m], shape (b, dim)."""
+        return self.position[self.bonds[:, 1]] - self.position[self.bonds[:, 0]]
+
+    @cached_property
+    def bond_length(self) -> Array:
+        """r0 [m], shape (b,)."""
+        return np.linalg.norm(self.bond_vector, axis=1)
+
+    @cached_property
+    def pieces(self) -> int:
+        """Number of pieces that no bond joins; elements without bonds count as pieces."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        graph = coo_array((np.ones(len(self.bonds)), self.bonds.T), shape=(len(self),) * 2)
+        return int(connected_components(graph, directed=False)[0])
+
+    @cached_property
+    def has_gears(self) -> bool:
+        """Whether neighbours can turn in opposite senses all over, as meshed gears.
+
+        That is so if elements fall into two classes without bonds inside either (square, simple
+        cubic, bcc lattices, chains) and every face is in the middle of its bond.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+        if self.arms is not None:
+            uneven = np.abs(self.arms.sum(axis=1)).max(initial=0.0)
+            if uneven > 1e-9 * np.abs(self.arms).max(initial=0.0):
+                return False
+        n = len(self)
+        graph = coo_array((np.ones(len(self.bonds)), self.bonds.T), shape=(n, n)).tocsr()
+        graph = graph + graph.T
+        label = connected_components(graph, directed=False)[1]
+        odd = np.zeros(n, dtype=bool)
+        for start in np.unique(label, return_index=True)[1]:
+            order, parent = breadth_first_order(graph, start, directed=False)
+            for i in order[1:]:
+                odd[i] = not odd[parent[i]]
+        return len(self.bonds) > 0 and bool((odd[self.bonds[:, 0]] != odd[self.bonds[:, 1]]).all())
+
+    @cached_property
+    def exposed_area(self) -> Array:
+        """Vector area of each element's free surface [m^2], shape (n, dim): - sum S n."""
+        if self.area is None:
+            raise InputError("this packing has no faces; give area and arms of its bonds.")
+        total = np.zeros_like(self.position)
+        sn = (self.area / self.bond_length)[:, None] * self.bond_vector
+        np.add.at(total, self.bonds[:, 0], -sn)
+        np.add.at(total, self.bonds[:, 1], sn)
+        return total
+
+    def side(self, name: str, layers: int = 1) -> Mask:
+        """Elements within `layers` layers of a named side, as a mask of shape (n,)."""
+        one_of("side", name, self.sides)
+        mask = self.sides[name].copy()
+        for _ in range(layers - 1):
+            touched = mask[self.bonds].any(axis=1)
+            mask[self.bonds[touched]] = True
+        return mask
+
+    def boundary(self, layers: int = 1) -> Mask:
+        """Elements within `layers` layers of any side."""
+        return np.any([self.side(name, layers) for name in self.sides], axis=0)
+
+    top = property(lambda self: self.side("top"), doc="Elements of the upper side.")
+    bottom = property(lambda self: self.side("bottom"), doc="Elements of the lower side.")
+    left = property(lambda self: self.side("left"), doc="Elements of the left side.")
+    right = property(lambda self: self.side("right"), doc="Elements of the right side.")
+
+    def crossing(
+        self, start: ArrayLike, end: ArrayLike, depth: ArrayLike | None = None
+    ) -> NDArray[np.int64]:
+        """Ids of the bonds whose centre line crosses a segment from `start` to `end` [m].
+
+        In space the segment is swept along the vector `depth` [m] into a parallelogram; by default
+        through the whole body along the third axis.
+        """
+        a = finite("start", start, (self.dim,))
+        edge = finite("end", end, (self.dim,)) - a
+        xi = self.position[self.bonds[:, 0]] - a
+        xj = self.position[self.bonds[:, 1]] - a
+        if self.dim == 2:
+            edges, normal = [edge], np.array([-edge[1], edge[0]])
+        else:
+            if depth is None:
+                low, high = self.position[:, 2].min(), self.position[:, 2].max()
+                reach = high - low + 2.0 * self.spacing
+                edge = edge * [1.0, 1.0, 0.0]
+                lift = np.array([0.0, 0.0, low - self.spacing - a[2]])
+                xi, xj = xi - lift, xj - lift
+                depth = [0.0, 0.0, reach]
+            sweep = finite("depth", depth, (3,))
+            edges, normal = [edge, sweep], np.cross(edge, sweep)
+        if not np.linalg.norm(normal) > 0.0:
+            raise InputError("start and end of the cut coincide; give a segment of some length.")
+        # a centre on the line itself counts as above it, up to rounding
+        tiny = 1e-9 * self.spacing * np.linalg.norm(normal)
+        hi, hj = xi @ normal + tiny, xj @ normal + tiny
+        across = (hi < 0.0) != (hj < 0.0)
+        t = np.divide(hi, hi - hj, out=np.zeros_like(hi), where=across)
+        point = xi + t[:, None] * (xj - xi)
+        basis = np.stack([*edges, normal], axis=1)
+        share = np.linalg.solve(basis, point.T)[: len(edges)]
+        return np.flatnonzero(
+            across & (share >= -1e-9).all(axis=0) & (share <= 1 + 1e-9).all(axis=0)
+        )
+
+
+def check_box(size: Sequence[float], spacing: float, dim: int) -> None:
+    """Refuse a box or a spacing that is not positive."""
+    positive("size", size, (dim,))
+    positive("spacing", spacing, ())
