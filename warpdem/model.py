@@ -12,7 +12,10 @@ from .scene import Body, Scene
 Ids = NDArray[np.int32]
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
-    {"displacement", "orientation", "bond_arm", "evm_direction", "evm_length", "evm_offset"}
+    {
+        *("displacement", "orientation", "bond_arm", "principal_axes"),
+        *("evm_direction", "evm_length", "evm_offset"),
+    }
 )
 
 
@@ -23,8 +26,11 @@ class Features:
     dim: int
     plane_strain: bool
     has_volume: bool
-    has_external: bool
+    external: tuple[bool, bool]  # whether forces, whether torques act from outside
     has_work: bool
+    has_moments: bool  # some elements have three principal moments of inertia
+    has_dashpots: bool
+    large_rotation: bool
     slots: int
     central: bool  # every face lies in the middle of its centre line
 
@@ -73,7 +79,11 @@ class Model:
     bond_face: Array | None = None  # (2 b + 2,): S q, that s_i sums
     element_two_shear: Array | None = None  # 2 G
     element_coupling: Array | None = None  # D
+    evm_dashpot: Array | None = None  # eta along, across [N s/m], bending, torsion [N m s]
     external_force: Array | None = None
+    external_torque: Array | None = None
+    principal_moment: Array | None = None  # (n, 3)
+    principal_axes: Array | None = None  # (n, 4) rotations from the principal axes to the world's
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
     closing_stiffness: Array | None = None  # of the listed bonds: k_c = (lambda + 2 G) S / r0 or B1
     listed_elements: Ids | None = None  # elements of the listed bonds
@@ -125,6 +135,10 @@ def state_arrays(
     linked[:b] = present if linked_bonds is None else linked_bonds
     if model.facet_stiffness is not None:
         state["facet_stiffness"] = model.facet_stiffness * linked[: model.facet_bonds]
+    if model.evm_dashpot is not None:
+        state["evm_dashpot"] = model.evm_dashpot * linked[model.facet_bonds : -1, None]
+        state["damping_force"] = np.zeros((f.slots * n, f.dim))
+        state["damping_torque"] = np.zeros((f.slots * n, spins))
     if model.evm_stiffness is not None:
         state["evm_stiffness"] = model.evm_stiffness * linked[model.facet_bonds : -1, None]
     if model.listed_bonds is not None:
@@ -215,17 +229,31 @@ def build(scene: Scene) -> Model:
     radius = np.concatenate([b.packing.radius for b in bodies])
     mass = volume * over_bodies(lambda b: b.material.density)
     inertia = (0.5 if dim == 2 else 0.4) * mass * radius**2
+    moments, axes = _principal(bodies, mass, inertia)
+    if moments is not None:
+        inertia = moments.mean(axis=1)
     held = np.concatenate([b.held for b in bodies])
     held_rotation = np.concatenate([b.held_rotation for b in bodies])
     velocity = np.concatenate([b.velocity for b in bodies])
+    angular_velocity = np.concatenate([b.angular_velocity for b in bodies])
     force = np.concatenate([b.force for b in bodies])
+    torque = np.concatenate([b.torque for b in bodies])
+    grips = (held & (velocity != 0.0)).any() | (
+        held_rotation[:, None] & (angular_velocity != 0.0)
+    ).any()
+    evm = [b.bond for b in bodies if isinstance(b.bond, EVMBond)]
+    if len({b.large_rotation for b in evm}) > 1:
+        raise InputError("all EVM bonds of a scene take large_rotation, or none does.")
     unlinked = [~b.linked | b.breakable for b in stored]
     features = Features(
         dim=dim,
         plane_strain=packing.plane == "strain",
         has_volume=any(b.has_volume for b in bodies),
-        has_external=bool(force.any()),
-        has_work=bool((held & (velocity != 0.0)).any()),
+        external=(bool(force.any()), bool(torque.any())),
+        has_work=bool(grips or torque.any()),
+        has_moments=moments is not None,
+        has_dashpots=any(b.damping > 0.0 for b in evm),
+        large_rotation=any(b.large_rotation for b in evm),
         slots=len(incidence),
         central=_is_central(bodies),
     )
@@ -245,7 +273,10 @@ def build(scene: Scene) -> Model:
         bond_place=np.argsort(incidence, axis=None, kind="stable")[: 2 * bonds].astype(np.int32),
         bond_i=pairs[:, 0].astype(np.int32),
         bond_j=pairs[:, 1].astype(np.int32),
-        external_force=force if features.has_external else None,
+        external_force=force if features.external[0] else None,
+        external_torque=torque if features.external[1] else None,
+        principal_moment=moments,
+        principal_axes=axes,
     )
     _add_faces(model, stored)
     _add_laws(model, stored)
@@ -266,6 +297,35 @@ def _incidence(pairs: NDArray[np.int64], n: int) -> Ids:
     slot = np.arange(len(ends)) - np.repeat(np.cumsum(degree) - degree, degree)
     table[slot, ends[order]] = order
     return table
+
+
+def _principal(
+    bodies: list[Body], mass: Array, inertia: Array
+) -> tuple[Array | None, Array | None]:
+    """Principal moments [kg m^2] and axes, if any element is not a sphere."""
+    if all(b.packing.gyration is None for b in bodies):
+        return None, None
+    moments = np.repeat(inertia[:, None], 3, axis=1)
+    axes = np.tile([0.0, 0.0, 0.0, 1.0], (len(mass), 1))
+    at = 0
+    for body in bodies:
+        here = slice(at, at := at + len(body.packing))
+        if body.packing.gyration is not None and body.packing.axes is not None:
+            moments[here] = mass[here, None] * body.packing.gyration**2
+            axes[here] = body.packing.axes
+    return moments, axes
+
+
+def inverse_inertia_root(model: Model) -> Array:
+    """Square root of the inverse inertia tensor in the reference state, (n, spins, spins)."""
+    if model.principal_moment is None or model.principal_axes is None:
+        spins = 1 if model.features.dim == 2 else 3
+        return np.sqrt(model.inverse_inertia)[:, None, None] * np.eye(spins)
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(model.principal_axes).as_matrix()
+    free = np.where(model.inverse_inertia > 0.0, 1.0, 0.0)[:, None]
+    return turn * (free / np.sqrt(model.principal_moment))[:, None, :] @ np.swapaxes(turn, 1, 2)
 
 
 def _add_faces(model: Model, stored: list[Body]) -> None:
@@ -301,7 +361,7 @@ def _add_laws(model: Model, stored: list[Body]) -> None:
         model.facet_stiffness = np.concatenate(
             [g * w for g, w in zip(two_shear, weight, strict=True)]
         )
-    direction, length, offset, stiffness = [], [], [], []
+    direction, length, offset, stiffness, dashpot = [], [], [], [], []
     for body in stored:
         if isinstance(body.bond, EVMBond):
             r0 = body.packing.bond_length
@@ -316,11 +376,18 @@ def _add_laws(model: Model, stored: list[Body]) -> None:
             length.append(a)
             offset.append(ends)
             stiffness.append(body.bond.parameters(a))
+            dashpot.append(2.0 * body.bond.damping * np.sqrt(body.bond.stiffnesses(len(a))))
     if direction:
         model.evm_direction = np.concatenate(direction)
         model.evm_length = np.concatenate(length)
         model.evm_offset = np.concatenate(offset)
         model.evm_stiffness = np.concatenate(stiffness)
+        if model.features.has_dashpots:
+            # eta = 2 zeta sqrt(c m), m that of the two elements in series (theory A8)
+            both = np.stack([model.bond_i, model.bond_j])[:, model.facet_bonds :]
+            inertias = [1.0 / (1.0 / x[both]).sum(axis=0) for x in (model.mass, model.inertia)]
+            root = np.sqrt(np.stack([inertias[0]] * 2 + [inertias[1]] * 2, axis=1))
+            model.evm_dashpot = np.concatenate(dashpot) * root
 
 
 def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:

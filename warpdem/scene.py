@@ -29,6 +29,7 @@ class Body:
     velocity: Array = field(init=False)
     angular_velocity: Array = field(init=False)
     force: Array = field(init=False)
+    torque: Array = field(init=False)
     held: Mask = field(init=False)
     held_rotation: Mask = field(init=False)
 
@@ -41,6 +42,7 @@ class Body:
         self.velocity = np.zeros((n, dim))
         self.angular_velocity = np.zeros((n, 1 if dim == 2 else 3))
         self.force = np.zeros((n, dim))
+        self.torque = np.zeros_like(self.angular_velocity)
         self.held = np.zeros((n, dim), dtype=bool)
         self.held_rotation = np.zeros(n, dtype=bool)
 
@@ -78,6 +80,12 @@ class Scene:
         faces = packing.area is not None
         if isinstance(bond, EVMBond):
             has_volume = bool(volume)
+            if bond.plane_only and packing.dim == 3:
+                raise InputError(
+                    "this bond's section bends differently about its two axes; an EVM bond has one "
+                    "bending stiffness. In space take a circle, a tube or a square, or several "
+                    "bonds side by side; in the plane any rectangle will do."
+                )
         elif bond == "facet":
             if not faces:
                 raise InputError("facet bonds need a packing with faces; this one has none.")
@@ -155,25 +163,31 @@ class Scene:
         velocity: ArrayLike | None = None,
         axes: str | None = None,
         rotation: bool = True,
+        angular_velocity: ArrayLike | None = None,
     ) -> None:
         """Grip elements: they keep still, or move at a constant velocity [m/s].
 
-        where: mask or ids; axes: which of "xyz" are held (default: all); rotation: whether turning
-        is held as well.
+        where: mask or ids; axes: which of "xyz" are held (default: all; "" for none); rotation:
+        whether turning is held as well, still or at a constant angular_velocity [rad/s].
         """
         ids = self._selected(body, where)
         dim = body.packing.dim
         names = "xyz"[:dim]
         chosen = names if axes is None else axes
-        if not chosen or set(chosen) - set(names):
+        if set(chosen) - set(names) or not (chosen or rotation):
             raise InputError(f"axes is {axes!r}; choose from {names!r}.")
         v = np.zeros(dim) if velocity is None else finite("velocity", velocity, (dim,))
         for axis in (names.index(c) for c in chosen):
             body.held[ids, axis] = True
             body.velocity[ids, axis] = v[axis]
+        if angular_velocity is not None and not rotation:
+            raise InputError("an angular velocity needs turning to be held; leave rotation=True.")
         if rotation:
+            spins = body.angular_velocity.shape[1]
+            w = 0.0 if angular_velocity is None else angular_velocity
+            w = finite("angular_velocity", np.broadcast_to(finite("angular_velocity", w), (spins,)))
             body.held_rotation[ids] = True
-            body.angular_velocity[ids] = 0.0
+            body.angular_velocity[ids] = w
 
     def pull(self, body: Body, where: ArrayLike, traction: ArrayLike) -> None:
         """Load a side with a constant traction [Pa], shape (dim,), a dead load.
@@ -188,6 +202,22 @@ class Scene:
         if not size > 1e-9 * np.linalg.norm(body.packing.exposed_area, axis=1).sum():
             raise InputError("the chosen elements have no free surface on one side to pull at.")
         body.force[ids] += np.maximum(exposed @ (total / size), 0.0)[:, None] * t
+
+    def load(
+        self,
+        body: Body,
+        where: ArrayLike,
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+    ) -> None:
+        """Load every chosen element with a constant force [N], (dim,), and torque [N m], (1,) in
+        the plane or (3,), dead loads."""
+        ids = self._selected(body, where)
+        if force is None and torque is None:
+            raise InputError("give a force, a torque or both.")
+        for name, value, target in (("force", force, body.force), ("torque", torque, body.torque)):
+            if value is not None:
+                target[ids] += finite(name, np.atleast_1d(finite(name, value)), target.shape[1:])
 
     def set_velocity(
         self,

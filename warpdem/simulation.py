@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
 from .model import bond_ends, build, state_arrays
 from .scene import Body, Scene
-from .stability import bound_frequency, gathered, largest_frequency, link_states
+from .stability import bound_damping, bound_frequency, gathered, largest_frequency, link_states
 from .step import PRECISIONS, Step
 
 SAFETY = 0.8  # share of the stability limit taken by default
-HELD = ("kinetic", "pair", "volume", "contact", "integrator")  # energies held at an instant
+# energies held at an instant, and what damping took
+HELD = ("kinetic", "pair", "volume", "contact", "integrator", "damping")
 GUARD_EVERY = 100  # steps between checks for non-finite numbers
 
 
@@ -36,6 +37,7 @@ class Simulation:
     device: "cpu" or "cuda" (as Warp names them); precision: "float64", "float32" or "mixed" (places
     in float64, forces in float32); dt [s]: by default 0.8 of the stability limit, found by
     iteration on the scene itself; a larger one than the limit is refused unless `force_dt`.
+    local_damping: Cundall's, a share of each net force, only for quasi-static scenes (theory A8).
     simd: vectorise the CPU's loops where this Warp allows it.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
@@ -48,9 +50,14 @@ class Simulation:
         precision: str = "float64",
         dt: float | None = None,
         force_dt: bool = False,
+        local_damping: float = 0.0,
         simd: bool = True,
     ) -> None:
         one_of("precision", precision, PRECISIONS)
+        if not 0.0 <= finite("local_damping", local_damping, ()) < 1.0:
+            raise InputError(
+                f"local_damping is {local_damping:g}; give 0 (none) to below 1, usually 0.7."
+            )
         if dt is not None and not finite("dt", dt, ()) > 0.0:
             raise InputError(f"dt is {dt:g} s; it must be greater than zero.")
         self.device = _device(device)
@@ -67,7 +74,8 @@ class Simulation:
             step = Step(self.model, trial, 1.0, precision, self.device, simd, slack=np.inf)
             frequency = max(frequency, largest_frequency(step, spacing))
         bound = bound_frequency(self.model)
-        self.dt_limit = 2.0 / frequency if frequency > 0.0 else np.inf
+        rate = bound_damping(self.model)
+        self.dt_limit = 2.0 / max(frequency, rate) if frequency > 0.0 else np.inf
         self.dt_bound = 2.0 / bound if bound > 0.0 else np.inf
         if dt is None:
             if not np.isfinite(self.dt_limit):
@@ -80,7 +88,15 @@ class Simulation:
             )
         self.dt = float(dt)
         state = state_arrays(self.model, scene)
-        self._step = Step(self.model, state, self.dt, precision, self.device, simd)
+        self._step = Step(
+            self.model,
+            state,
+            self.dt,
+            precision,
+            self.device,
+            simd,
+            local_damping=local_damping,
+        )
         self._step.evaluate_forces()
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
@@ -277,7 +293,8 @@ class Simulation:
         """The energy ledger [J].
 
         kinetic, pair (linked bonds), volume, contact (closed unlinked ones): held now; fracture:
-        released by breaking bonds; work: done by moving grips and tractions; integrator: velocity
+        released by breaking bonds; damping: taken by dashpots and local damping; work: done by
+        moving grips and outer loads; integrator: velocity
         Verlet's own term (theory B13), its jumps at breaking bonds included; residual: what is
         missing from their balance.
         """

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import Array
-from .model import Model, bond_ends, face_reach, volume_stiffness
+from .model import Model, bond_ends, face_reach, inverse_inertia_root, volume_stiffness
 from .step import Step
 
 
@@ -19,18 +19,25 @@ def largest_frequency(step: Step, spacing: float) -> float:
     m, n = step.model, step.model.elements
     dim = m.features.dim
     spins = 1 if dim == 2 else 3
-    root = np.concatenate(
-        [np.sqrt(m.inverse_mass).ravel(), np.repeat(np.sqrt(m.inverse_inertia), spins)]
-    )
-    free = np.flatnonzero(root)
+    root, spin_root = np.sqrt(m.inverse_mass).ravel(), inverse_inertia_root(m)
+    free = np.flatnonzero(np.concatenate([root, np.repeat(m.inverse_inertia, spins)]))
     if len(free) == 0:
         return 0.0
     small = 1e-6 if step.download("displacement").dtype == np.float64 else 1e-4
     rotation = np.zeros((n, 2 if dim == 2 else 4))
 
+    def spread(y: NDArray[np.float64]) -> NDArray[np.float64]:
+        motion = np.zeros(n * (dim + spins))
+        motion[free] = y
+        return motion
+
+    def weighted(motion: NDArray[np.float64]) -> NDArray[np.float64]:
+        """M^-1/2 times a motion, or a force."""
+        turn = np.einsum("nab,nb->na", spin_root, motion[n * dim :].reshape(n, spins))
+        return np.concatenate([root * motion[: n * dim], turn.ravel()])
+
     def stiffness(y: NDArray[np.float64]) -> NDArray[np.float64]:
-        motion = np.zeros_like(root)
-        motion[free] = root[free] * y
+        motion = weighted(spread(y))
         size = np.abs(motion[: n * dim]).max() + spacing * np.abs(motion[n * dim :]).max()
         scale = small * spacing / size if size > 0.0 else 0.0
         u = (scale * motion[: n * dim]).reshape(n, dim)
@@ -42,7 +49,7 @@ def largest_frequency(step: Step, spacing: float) -> float:
         step.evaluate_forces()
         force, torque = gathered(step)
         back = np.concatenate([force.ravel(), torque.ravel()])
-        return -(root * back)[free] / scale if scale > 0.0 else np.zeros(len(free))
+        return -weighted(back)[free] / scale if scale > 0.0 else np.zeros(len(free))
 
     operator = LinearOperator((len(free), len(free)), matvec=stiffness, dtype=np.float64)
     if len(free) < 12:
@@ -76,10 +83,21 @@ def bound_frequency(model: Model) -> float:
         blocks.add_springs(slice(0, model.facet_bonds), stiffness)
     if model.evm_bonds:
         evm = slice(model.facet_bonds, model.bonds)
-        blocks.add_beams(evm)
+        b1, b2, b3, b4 = _of(model.evm_stiffness).T
+        bending = b2 / 4.0 + b3 + b4 / 2.0
+        blocks.add_beams(evm, b1, b2 / _of(model.evm_length) ** 2, bending, b4)
         if model.bond_weight is not None:
             blocks.add_springs(evm, _volume_springs(model)[evm])
     return float(np.sqrt(2.0 * blocks.greatest()))
+
+
+def bound_damping(model: Model) -> float:
+    """A rate [1/s] that no damping of a motion by dashpots exceeds: as `bound_frequency`."""
+    if model.evm_dashpot is None:
+        return 0.0
+    blocks = _Blocks(model)
+    blocks.add_beams(slice(model.facet_bonds, model.bonds), *model.evm_dashpot.T)
+    return 2.0 * blocks.greatest()
 
 
 def link_states(model: Model) -> list[NDArray[np.bool_]]:
@@ -117,21 +135,19 @@ class _Blocks:
             k = stiffness[:, None, None] * np.swapaxes(gradient, 1, 2) @ gradient
             np.add.at(self.k, element[bonds], k)
 
-    def add_beams(self, bonds: slice) -> None:
+    def add_beams(
+        self, bonds: slice, longitudinal: Array, shear: Array, bending: Array, torsion: Array
+    ) -> None:
         """EVM bonds, linearised (theory A2): c_A, c_D along and across, c_B, c_T in turning."""
         m = self.model
-        assert m.evm_stiffness is not None and m.evm_length is not None
-        assert m.evm_direction is not None and m.evm_offset is not None
-        b1, b2, b3, b4 = m.evm_stiffness.T
-        a, n = m.evm_length, m.evm_direction
-        shear, bending = b2 / a**2, b2 / 4.0 + b3 + b4 / 2.0
+        a, n, offset = _of(m.evm_length), _of(m.evm_direction), _of(m.evm_offset)
         along = n[:, :, None] * n[:, None, :]
         across = np.eye(self.dim) - along
         for side, element in enumerate((m.bond_i, m.bond_j)):
-            reach = (m.evm_offset[:, side] + 0.5 * a) * (1.0 if side == 0 else -1.0)
+            reach = (offset[:, side] + 0.5 * a) * (1.0 if side == 0 else -1.0)
             turn = self._turning(reach[:, None] * n)
             turn_t = np.swapaxes(turn, 1, 2)
-            c = b1[:, None, None] * along + shear[:, None, None] * across
+            c = longitudinal[:, None, None] * along + shear[:, None, None] * across
             k = np.zeros((len(a), self.dim + self.spins, self.dim + self.spins))
             k[:, : self.dim, : self.dim] = c
             k[:, : self.dim, self.dim :] = c @ turn
@@ -140,15 +156,16 @@ class _Blocks:
             if self.dim == 2:
                 k[:, 2, 2] += bending
             else:
-                k[:, 3:, 3:] += bending[:, None, None] * across + b4[:, None, None] * along
+                k[:, 3:, 3:] += bending[:, None, None] * across + torsion[:, None, None] * along
             np.add.at(self.k, element[bonds], k)
 
     def greatest(self) -> float:
         """Greatest eigenvalue of M_i^-1 K_ii over all elements."""
-        m = self.model
-        spin = np.repeat(m.inverse_inertia[:, None], self.spins, axis=1)
-        root = np.sqrt(np.concatenate([m.inverse_mass, spin], axis=1))
-        return float(np.linalg.eigvalsh(root[:, :, None] * self.k * root[:, None, :]).max())
+        m, dim = self.model, self.dim
+        root = np.zeros_like(self.k)
+        root[:, range(dim), range(dim)] = np.sqrt(m.inverse_mass)
+        root[:, dim:, dim:] = inverse_inertia_root(m)
+        return float(np.linalg.eigvalsh(root @ self.k @ root).max())
 
     def _turning(self, arm: Array) -> Array:
         """Matrix of th -> th x c, (b, dim, spins)."""
@@ -157,6 +174,11 @@ class _Blocks:
         x, y, z = arm.T
         o = np.zeros_like(x)
         return np.stack([o, z, -y, -z, o, x, y, -x, o], axis=1).reshape(-1, 3, 3)
+
+
+def _of(array: Array | None) -> Array:
+    assert array is not None
+    return array
 
 
 def _volume_springs(model: Model) -> Array:

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from .kernels.algebra import space
 from .kernels.closing import UNKNOWN
+from .kernels.damping import damp, evm_dashpots
 from .kernels.evm import (
+    evm_angles,
     evm_closing,
     evm_closing_energies,
     evm_energies,
@@ -26,7 +28,7 @@ from .kernels.facet import (
     facet_unlink,
 )
 from .kernels.fracture import break_bonds, log_breaks
-from .kernels.motion import element_energies, integrator_energies, move
+from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
@@ -82,8 +84,10 @@ class Step:
         device: str = "cpu",
         simd: bool = True,
         slack: float = 0.0,
+        local_damping: float = 0.0,
     ) -> None:
         self.model, self.device, self.dt, self._slack = model, device, dt, slack
+        self.local_damping = local_damping
         self.real, self.place = PRECISIONS[precision]
         self.count = 0
         self.synchronous = True
@@ -96,6 +100,7 @@ class Step:
         self._simd = simd
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
+        self._angles: wp.Launch | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
         self.forget_gaps()
@@ -105,7 +110,7 @@ class Step:
 
     def advance(self) -> None:
         """From t to t + dt (theory B13)."""
-        # move, evaluate forces, test for fracture
+        # damp, move, evaluate forces, test for fracture
         (self._start if self.synchronous else self._finish_and_start).launch()
         self.synchronous = False
         self.count += 1
@@ -158,7 +163,8 @@ class Step:
         return self.download("stress").astype(np.float64)
 
     def energies(self) -> dict[str, float]:
-        """Kinetic, pair, volume, contact energy and the integrator's own term [J].
+        """Kinetic, pair, volume, contact energy, what damping took, and the integrator's own
+        term [J].
 
         Summed in float64. Call `synchronise` first.
         """
@@ -175,8 +181,21 @@ class Step:
             "pair": self._sum("linked_energy"),
             "volume": self._sum("volume_energy") if self.model.features.has_volume else 0.0,
             "contact": contact,
+            "damping": self._sum("damped_energy") if "damped_energy" in self.arrays else 0.0,
             "integrator": self._sum("integrator_energy") + self.integrator_released,
         }
+
+    def evaluate_angles(self) -> dict[str, NDArray[np.float64]]:
+        """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
+        names = ("evm_twist", "evm_bend", "evm_elongation")
+        if self._angles is None:
+            (s, k), m = self._space, self.model
+            for name in names:
+                self.upload(name, np.zeros(m.evm_bonds))
+            law = evm_angles(s, k, self._simd)
+            self._angles = self._bind(law, m.evm_bonds, first_evm=m.facet_bonds)
+        self._angles.launch()
+        return {name: self.download(name).astype(np.float64) for name in names}
 
     def bond_energy(self) -> NDArray[np.float64]:
         """Energy of every linked bond [J], (b,)."""
@@ -209,6 +228,12 @@ class Step:
 
     # -- passes -----------------------------------------------------------------------------------
 
+    # arrays of the elements that only some scenes have
+    _optional: Names = (
+        *("external_force", "external_torque", "element_work"),
+        *("principal_moment", "principal_axes"),
+    )
+
     def _bind_step(self) -> None:
         half, forces, fracture = 0.5 * self.dt, self._force_passes(), []
         self._settle: Passes | None = None
@@ -218,11 +243,46 @@ class Step:
             fracture = self._fracture_passes()
             self._bind_break()
         self._forces = self._passes(forces)
-        self._start = self._passes([self._move(0.0, half, drifts=True), *forces, *fracture])
-        self._finish_and_start = self._passes(
-            [self._move(half, half, drifts=True), *forces, *fracture]
-        )
+        damping = self._damping_passes()
+        start = [self._move(0.0, half, drifts=True), *forces, *fracture]
         self._finish = self._move(half, 0.0)
+        self._start = self._passes([*damping, *start])
+        if damping:
+            self._finish_and_start = self._passes([self._finish, *damping, *start])
+        else:
+            self._finish_and_start = self._passes(
+                [self._move(half, half, drifts=True), *forces, *fracture]
+            )
+
+    def _damping_passes(self) -> list[wp.Launch]:
+        (s, k), m, f = self._space, self.model, self.model.features
+        is_local = self.local_damping > 0.0
+        if not (f.has_dashpots or is_local):
+            return []
+        self.upload("damped_energy", np.zeros(m.elements))
+        law = damp(
+            s,
+            k,
+            f.slots,
+            f.external,
+            f.has_moments,
+            f.has_work,
+            f.has_dashpots,
+            is_local,
+            self._simd,
+        )
+        unused = self._without(self._optional)
+        unused += () if f.has_dashpots else ("damping_force", "damping_torque")
+        numbers: dict[str, Any] = {
+            "local_damping": self.local_damping,
+            "dt": self.dt,
+            "elements": m.elements,
+        }
+        passes = [self._bind(law, m.elements, unused, **numbers)]
+        if f.has_dashpots:
+            law = evm_dashpots(s, k, self._simd)
+            passes.insert(0, self._bind(law, m.evm_bonds, first_evm=m.facet_bonds))
+        return passes
 
     def _bind_settle(self) -> Passes:
         """Passes that pay what closing and opening pairs left over, at synchronous velocities."""
@@ -293,7 +353,7 @@ class Step:
         self._near_integrator = self._integrator_energies("near_elements")
 
     def _bind_energies(self) -> Passes:
-        (s, _), m, f = self._space, self.model, self.model.features
+        (s, k), m, f = self._space, self.model, self.model.features
         for name in ("kinetic_energy", "integrator_energy"):
             self.upload(name, np.zeros(m.elements))
         self.upload("linked_energy", np.zeros(m.bonds))
@@ -301,9 +361,10 @@ class Step:
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
             unused = ()
+        law = element_energies(s, k, f.has_moments, f.has_volume, self._simd)
         return self._passes(
             [
-                self._bind(element_energies(s, f.has_volume, self._simd), m.elements, unused),
+                self._bind(law, m.elements, unused + self._without(self._optional)),
                 self._integrator_energies(),
                 *self._pair_energies(),
                 *self._closing_energies(),
@@ -330,7 +391,7 @@ class Step:
             law = facet_forces(s, k, f.central, f.has_volume, near, self._simd)
             passes.append(self._bind(law, facets, unused, listed=listed, first=0))
         if bonds > facets:
-            law = evm_forces(s, k, f.central, f.has_volume, near, self._simd)
+            law = evm_forces(s, k, f.central, f.has_volume, f.large_rotation, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             without = (*unused, *(() if f.has_volume else ("bond_arm",)))
             passes.append(self._bind(law, bonds - facets, without, listed=listed, **numbers))
@@ -359,10 +420,11 @@ class Step:
     def _unlink(self) -> list[wp.Launch]:
         (s, _), f = self._space, self.model.features
         unused = () if f.has_volume else ("bond_weight",)
-        facet_law, evm_law = (
-            law(s, f.has_volume, self._simd) for law in (facet_unlink, evm_unlink)
+        return self._over_listed(
+            facet_unlink(s, f.has_volume, self._simd),
+            evm_unlink(s, f.has_volume, f.has_dashpots, self._simd),
+            unused if f.has_dashpots else (*unused, "evm_dashpot"),
         )
-        return self._over_listed(facet_law, evm_law, unused)
 
     def _closing_energies(self) -> list[wp.Launch]:
         (s, k), m = self._space, self.model
@@ -382,12 +444,19 @@ class Step:
         loads: dict[str, wp.array] | None = None,
     ) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
-        has_external = f.has_external and loads is None  # impulses come without it
+        external = f.external if loads is None else NO_LOADS  # impulses come without them
         law = move(
-            s, k, f.slots, has_external, f.has_work, drifts, elements is not None, self._simd
+            s,
+            k,
+            f.slots,
+            external,
+            f.has_moments,
+            f.has_work,
+            drifts,
+            elements is not None,
+            self._simd,
         )
-        unused: Names = () if has_external else ("external_force",)
-        unused += () if f.has_work else ("element_work",)
+        unused = self._without(self._optional)
         listed = None if elements is None else self.arrays[elements]
         numbers: dict[str, Any] = {
             "finish": finish,
@@ -420,15 +489,17 @@ class Step:
             law = facet_energies(s, k, m.features.central, ids is not None, self._simd)
             passes.append(self._bind(law, facets, **given))
         if bonds > facets:
-            law = evm_energies(s, k, ids is not None, self._simd)
+            law = evm_energies(s, k, m.features.large_rotation, ids is not None, self._simd)
             numbers: dict[str, Any] = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, **numbers, **given))
         return passes
 
     def _integrator_energies(self, listed: str | None = None) -> wp.Launch:
-        (s, _), m, f = self._space, self.model, self.model.features
-        law = integrator_energies(s, f.slots, f.has_external, listed is not None, self._simd)
-        unused: Names = () if f.has_external else ("external_force",)
+        (s, k), m, f = self._space, self.model, self.model.features
+        law = integrator_energies(
+            s, k, f.slots, f.external, f.has_moments, listed is not None, self._simd
+        )
+        unused = self._without(self._optional)
         prefix, ids = ("", None) if listed is None else ("near_", self.arrays[listed])
         return self._bind(
             law,
@@ -459,6 +530,10 @@ class Step:
 
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))
+
+    def _without(self, names: Names) -> Names:
+        """Those of the names that the scene has no array of."""
+        return tuple(name for name in names if name not in self.arrays)
 
     def _nothing(self, array_type: wp.array) -> wp.array:
         """An array that stands for one that a kernel does not use.

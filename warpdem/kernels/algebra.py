@@ -137,6 +137,11 @@ def _plane(real: type) -> Laws:
         return a[0] * b[1] - a[1] * b[0]
 
     @wp.func
+    def rotate(w: spin, b: vec) -> vec:
+        """w x b."""
+        return vec(-w * b[1], w * b[0])
+
+    @wp.func
     def relative(qi: rot, qj: rot) -> rot:
         """Rotation from i to j in the world frame, q_j conj(q_i)."""
         return rot(qj[0] * qi[1] - qj[1] * qi[0], qj[1] * qi[1] + qj[0] * qi[0])
@@ -219,6 +224,7 @@ def _plane(real: type) -> Laws:
         turn=turn,
         no_spin=no_spin,
         cross=cross,
+        rotate=rotate,
         relative=relative,
         axial=axial,
         scalar=scalar,
@@ -256,6 +262,11 @@ def _solid(real: type) -> Laws:
     @wp.func
     def cross(a: vec, b: vec) -> spin:
         return wp.cross(a, b)
+
+    @wp.func
+    def rotate(w: spin, b: vec) -> vec:
+        """w x b."""
+        return wp.cross(w, b)
 
     @wp.func
     def relative(qi: rot, qj: rot) -> rot:
@@ -338,6 +349,7 @@ def _solid(real: type) -> Laws:
         turn=turn,
         no_spin=no_spin,
         cross=cross,
+        rotate=rotate,
         relative=relative,
         axial=axial,
         scalar=scalar,

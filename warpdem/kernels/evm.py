@@ -15,6 +15,8 @@ from .face import face
 from .memory import kernel, nn
 from .volume import volume
 
+CRUSHED = 0.1  # share of its length below which a bond has lost its direction (theory A5)
+
 
 @cache
 def measures(s: Laws):
@@ -24,7 +26,8 @@ def measures(s: Laws):
     @wp.struct
     class Measures:
         elongation: real  # g = D - a [m]
-        length: real  # D [m]
+        length: real  # D [m], not below CRUSHED a
+        whole: real  # 1, or 0 if the bond is crushed: D < CRUSHED a
         p: vec  # Q_i e0
         m: vec  # Q_j e0
         bend_i: vec  # p - d
@@ -36,31 +39,102 @@ def measures(s: Laws):
 
 
 @cache
-def evm(s: Laws) -> Laws:
-    """Laws of the EVM bond: linked, and unlinked where it only resists closing."""
+def angles(s: Laws) -> Laws:
+    """Angles of two unit vectors, and of a rotation, from 0 to pi (theory A5)."""
+    real = s.real
+    steep = real(1.0e-4)  # how close to antiparallel a force still grows
+
+    @wp.func
+    def squared(chord: s.vec) -> real:
+        """phi^2, for the difference of two unit vectors."""
+        half = wp.min(real(0.5) * wp.length(chord), real(1.0))
+        return real(4.0) * wp.asin(half) * wp.asin(half)
+
+    @wp.func
+    def growth(chord: s.vec) -> real:
+        """d(phi^2)/d(chord^2) = phi/sin(phi)."""
+        half = wp.min(real(0.5) * wp.length(chord), real(1.0))
+        other = wp.max(wp.sqrt(wp.max(real(1.0) - half * half, real(0.0))), steep)
+        return wp.where(
+            half < steep, real(1.0), wp.asin(half) / wp.max(half * other, steep * steep)
+        )
+
+    @wp.func
+    def turned(half: s.spin, cosine: real) -> real:
+        """Angle of a rotation."""
+        return real(2.0) * wp.atan2(wp.sqrt(s.spin_squared(half)), wp.abs(cosine))
+
+    @wp.func
+    def rotation(half: s.spin, cosine: real) -> s.spin:
+        """Rotation vector, the short way round."""
+        size = wp.sqrt(s.spin_squared(half))
+        share = wp.where(
+            size < steep, real(2.0), turned(half, cosine) / wp.max(size, steep * steep)
+        )
+        return wp.where(cosine < real(0.0), -share, share) * half
+
+    return Laws(squared=squared, growth=growth, turned=turned, rotation=rotation)
+
+
+@cache
+def evm(s: Laws, large_rotation: bool = False) -> Laws:
+    """Laws of the EVM bond: linked, and unlinked where it only resists closing.
+
+    With `large_rotation` the squares of chords become squares of angles (theory A5): the same bond
+    while rotations are small, linear in its angles up to pi.
+    """
     real, vec4, measure = s.real, wp.types.vector(4, s.real), measures(s)
+    angle = angles(s)
+
+    @wp.func
+    def stretch(stiffness: real, x: measure) -> real:
+        """c g^2/2 [J]. A crushed bond pulls by c g D/(CRUSHED a), which is zero where D is."""
+        rest = x.length / real(CRUSHED)
+        d = rest + x.elongation
+        crushed = (d * d * d - x.length * x.length * x.length) / (real(3.0) * x.length)
+        crushed -= real(0.5) * rest * (d * d - x.length * x.length) / x.length
+        crushed += real(0.5) * (rest - x.length) * (rest - x.length)
+        return stiffness * wp.where(
+            x.whole > real(0.0), real(0.5) * x.elongation * x.elongation, crushed
+        )
 
     @wp.func
     def energy(b: vec4, x: measure) -> real:
         """U [J]: Kuzkin eq. 2 + B2 + B3 + B4, so that it is zero at rest (theory A1)."""
         bend = x.bend_i - x.bend_j
+        ends = wp.dot(x.bend_i, x.bend_i) + wp.dot(x.bend_j, x.bend_j)
+        bending = wp.dot(bend, bend)
+        turning = real(4.0) * s.spin_squared(x.half)
+        if wp.static(large_rotation):
+            ends = angle.squared(x.bend_i) + angle.squared(x.bend_j)
+            bending = angle.squared(bend)
+            turning = angle.turned(x.half, x.cosine) * angle.turned(x.half, x.cosine)
         return (
-            real(0.5) * b[0] * x.elongation * x.elongation
-            + real(0.25) * b[1] * (wp.dot(x.bend_i, x.bend_i) + wp.dot(x.bend_j, x.bend_j))
-            + real(0.5) * (b[2] - real(0.5) * b[3]) * wp.dot(bend, bend)
-            + real(2.0) * b[3] * s.spin_squared(x.half)
+            stretch(b[0], x)
+            + real(0.25) * b[1] * ends
+            + real(0.5) * (b[2] - real(0.5) * b[3]) * bending
+            + real(0.5) * b[3] * turning
         )
 
     @wp.func
     def force(b: vec4, ri: real, rj: real, x: measure):
         """Force on i [N] and torques on i and j [N m]: Kuzkin eq. 3 (theory A2)."""
         d = x.p - x.bend_i
-        y = x.bend_i + x.bend_j
-        f = b[0] * x.elongation * d - (real(0.5) * b[1] / x.length) * (y - wp.dot(y, d) * d)
-        both = (b[2] - real(0.5) * b[3]) * s.cross(x.p, x.bend_j - x.bend_i)
-        both += (real(2.0) * b[3] * x.cosine) * x.half
-        ti = ri * s.cross(x.p, f) - real(0.5) * b[1] * s.cross(x.p, x.bend_i) + both
-        tj = rj * s.cross(x.m, f) - real(0.5) * b[1] * s.cross(x.m, x.bend_j) - both
+        bend = x.bend_j - x.bend_i
+        bend_i = x.bend_i
+        bend_j = x.bend_j
+        turn = (real(2.0) * x.cosine) * x.half
+        if wp.static(large_rotation):
+            bend_i = angle.growth(bend_i) * bend_i
+            bend_j = angle.growth(bend_j) * bend_j
+            bend = angle.growth(bend) * bend
+            turn = angle.rotation(x.half, x.cosine)
+        y = bend_i + bend_j
+        f = b[0] * x.elongation * d
+        f -= (real(0.5) * b[1] / x.length) * (y - x.whole * wp.dot(y, d) * d)
+        both = (b[2] - real(0.5) * b[3]) * s.cross(x.p, bend) + b[3] * turn
+        ti = ri * s.cross(x.p, f) - real(0.5) * b[1] * s.cross(x.p, bend_i) + both
+        tj = rj * s.cross(x.m, f) - real(0.5) * b[1] * s.cross(x.m, bend_j) - both
         return f, ti, tj
 
     @wp.func
@@ -80,6 +154,7 @@ def evm(s: Laws) -> Laws:
         )
 
     return Laws(
+        stretch=stretch,
         energy=energy,
         force=force,
         closing_force=closing_force,
@@ -107,7 +182,8 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
     ) -> measure:
         """Measures of bond b, the c-th EVM bond.
 
-        D - a is taken as (2 X + Delta).Delta / (D + a), free of cancellation (theory A4).
+        D - a is taken as (2 X + Delta).Delta / (D + a), free of cancellation (theory A4). Where
+        the bond is crushed, d = D/(CRUSHED a) is shorter than 1, so that all stays finite.
         """
         i = nn(bond_i[b])
         j = nn(bond_j[b])
@@ -119,14 +195,15 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
         xj = k.turn(qj, e0)
         du = k.load(displacement, j) - k.load(displacement, i)
         delta = du - evm_offset[nn(2 * c)] * xi - evm_offset[nn(2 * c + 1)] * xj
-        # a bond shorter than a millionth of a has lost its direction: kept finite
-        length = wp.max(wp.length(a * e0 + delta), k.real(1.0e-6) * a)
-        g = wp.dot(k.real(2.0) * a * e0 + delta, delta) / (length + a)
-        dd = (delta - g * e0) / length
+        g = wp.dot(k.real(2.0) * a * e0 + delta, delta) / (wp.length(a * e0 + delta) + a)
+        shortest = k.real(CRUSHED - 1.0) * a
+        length = a + wp.max(g, shortest)
+        dd = (delta - wp.max(g, shortest) * e0) / length
         turned = k.relative(qi, qj)
         x = measure()
         x.elongation = real(g)
         x.length = real(length)
+        x.whole = wp.where(g < shortest, real(0.0), real(1.0))
         x.p = narrowed(e0 + xi)
         x.m = narrowed(e0 + xj)
         x.bend_i = narrowed(xi - dd)
@@ -140,10 +217,16 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
 
 @cache
 def evm_forces(
-    s: Laws, k: Laws, central: bool, has_volume: bool, is_listed: bool, simd: bool = True
+    s: Laws,
+    k: Laws,
+    central: bool,
+    has_volume: bool,
+    large_rotation: bool,
+    is_listed: bool,
+    simd: bool = True,
 ):
     """Pass over EVM bonds: force on i and the torques on both elements."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
+    kinematics, law, real = evm_kinematics(s, k), evm(s, large_rotation), s.real
     geometry, many = face(s, k, central), volume(s)
 
     def evm_forces(
@@ -331,9 +414,9 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
 
 
 @cache
-def evm_energies(s: Laws, k: Laws, is_listed: bool, simd: bool = True):
+def evm_energies(s: Laws, k: Laws, large_rotation: bool, is_listed: bool, simd: bool = True):
     """Per EVM bond: the energy it holds linked [J]."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
+    kinematics, law, real = evm_kinematics(s, k), evm(s, large_rotation), s.real
 
     def evm_energies(
         # model
@@ -376,7 +459,7 @@ def evm_energies(s: Laws, k: Laws, is_listed: bool, simd: bool = True):
 @cache
 def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
     """Per listed EVM bond: the energy it holds, or would hold, unlinked [J]."""
-    kinematics, contact, real = evm_kinematics(s, k), closing(s), s.real
+    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
 
     def evm_closing_energies(
         # model
@@ -408,14 +491,60 @@ def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
             displacement,
             orientation,
         )
-        closing_energy[t] = contact.energy(closing_stiffness[t], x.elongation)
+        held = law.stretch(closing_stiffness[t], x)
+        closing_energy[t] = wp.where(x.elongation < real(0.0), held, real(0.0))
 
     return kernel(evm_closing_energies, simd)
 
 
 @cache
-def evm_unlink(s: Laws, has_volume: bool, simd: bool = True):
-    """Pass over listed EVM bonds: an unlinked bond has no stiffness."""
+def evm_angles(s: Laws, k: Laws, simd: bool = True):
+    """Per EVM bond: how far it is twisted and bent [rad] and shortened, D/a - 1."""
+    kinematics, angle, real = evm_kinematics(s, k), angles(s), s.real
+
+    def evm_angles(
+        # model
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_length: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        # state read
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        # written
+        evm_twist: wp.array(dtype=real),
+        evm_bend: wp.array(dtype=real),
+        evm_elongation: wp.array(dtype=real),
+        first_evm: int,
+    ):
+        c = nn(wp.tid())
+        x = kinematics.load_measures(
+            nn(c + first_evm),
+            c,
+            bond_i,
+            bond_j,
+            evm_direction,
+            evm_length,
+            evm_offset,
+            displacement,
+            orientation,
+        )
+        bend = wp.max(angle.squared(x.bend_i), angle.squared(x.bend_j))
+        evm_bend[c] = wp.sqrt(bend)
+        evm_elongation[c] = x.elongation / real(evm_length[c])
+        if wp.static(s.dim == 3):
+            # swing and twist: the turn about the mean of both axes
+            axis = x.p + x.m
+            along = wp.dot(x.half, axis) / wp.max(wp.length(axis), real(1.0e-6))
+            evm_twist[c] = real(2.0) * wp.atan2(wp.abs(along), wp.abs(x.cosine))
+
+    return kernel(evm_angles, simd)
+
+
+@cache
+def evm_unlink(s: Laws, has_volume: bool, has_dashpots: bool, simd: bool = True):
+    """Pass over listed EVM bonds: an unlinked bond has neither stiffness nor dashpots."""
     real = s.real
 
     def evm_unlink(
@@ -424,6 +553,7 @@ def evm_unlink(s: Laws, has_volume: bool, simd: bool = True):
         bond_linked: wp.array(dtype=real),
         # written
         evm_stiffness: wp.array(dtype=real),
+        evm_dashpot: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
         first: int,
         first_evm: int,
@@ -432,6 +562,8 @@ def evm_unlink(s: Laws, has_volume: bool, simd: bool = True):
         c = nn(b - first_evm)
         for n in range(4):
             evm_stiffness[4 * c + n] = bond_linked[b] * evm_stiffness[4 * c + n]
+            if wp.static(has_dashpots):
+                evm_dashpot[4 * c + n] = bond_linked[b] * evm_dashpot[4 * c + n]
         if wp.static(has_volume):
             bond_weight[b] = bond_linked[b] * bond_weight[b]
 

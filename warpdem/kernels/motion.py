@@ -10,9 +10,12 @@ import warp as wp
 from .algebra import Laws, narrow, narrow_spin
 from .memory import kernel, nn
 
+Loads = tuple[bool, bool]  # whether forces, whether torques act from outside
+NO_LOADS: Loads = (False, False)
+
 
 @cache
-def gather(s: Laws, slots: int, has_external: bool):
+def gather(s: Laws, slots: int, external: Loads):
     """Force and torque on an element: the sum over its slots in a fixed order, never an atomic."""
     real = s.real
 
@@ -20,6 +23,7 @@ def gather(s: Laws, slots: int, has_external: bool):
     def load_force(
         i: int,
         external_force: wp.array(dtype=real),
+        external_torque: wp.array(dtype=real),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         elements: int,
@@ -29,11 +33,136 @@ def gather(s: Laws, slots: int, has_external: bool):
         for slot in range(wp.static(slots)):
             f += s.load(end_force, nn(slot * elements + i))
             t += s.load_spin(end_torque, nn(slot * elements + i))
-        if wp.static(has_external):
+        if wp.static(external[0]):
             f += s.load(external_force, i)
+        if wp.static(external[1]):
+            t += s.load_spin(external_torque, i)
         return f, t
 
     return load_force
+
+
+@cache
+def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
+    """How torques change spins, and how free bodies turn.
+
+    Elements are spheres, or, with `has_moments`, have three principal moments about their own axes,
+    and turn freely by five exact rotations about these (theory A10): symplectic, reversible in
+    time, and of constant angular momentum.
+    """
+    real, place = s.real, k.real
+    widened_spin = narrow_spin(k, s)
+
+    if not has_moments:
+
+        @wp.func
+        def spun(
+            i: int,
+            w: s.spin,
+            twist: s.spin,
+            inverse_inertia: wp.array(dtype=real),
+            principal_moment: wp.array(dtype=real),
+            principal_axes: wp.array(dtype=place),
+            orientation: wp.array(dtype=place),
+        ) -> s.spin:
+            """Spin after an angular impulse [N m s]."""
+            return w + inverse_inertia[i] * twist
+
+        @wp.func
+        def energy(
+            i: int,
+            w: s.spin,
+            inertia: wp.array(dtype=real),
+            principal_moment: wp.array(dtype=real),
+            principal_axes: wp.array(dtype=place),
+            orientation: wp.array(dtype=place),
+        ) -> real:
+            """Kinetic energy of a spin [J]."""
+            return real(0.5) * inertia[i] * s.spin_squared(w)
+
+        return Laws(spun=spun, energy=energy)
+
+    vec, rot = k.vec, k.rot
+    narrowed = narrow(s, k)
+
+    @wp.func
+    def axes_of(
+        i: int, principal_axes: wp.array(dtype=place), orientation: wp.array(dtype=place)
+    ) -> rot:
+        """Rotation from the principal axes to the world."""
+        return k.load_rot(orientation, i) * k.load_rot(principal_axes, i)
+
+    @wp.func
+    def spun_about(
+        i: int,
+        w: s.spin,
+        twist: s.spin,
+        inverse_inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=place),
+        orientation: wp.array(dtype=place),
+    ) -> s.spin:
+        q = axes_of(i, principal_axes, orientation)
+        moment = k.vec(widened_spin(s.load(principal_moment, i)))
+        change = wp.quat_rotate(q, wp.cw_div(wp.quat_rotate_inv(q, widened_spin(twist)), moment))
+        return w + wp.where(inverse_inertia[i] == real(0.0), real(0.0), real(1.0)) * narrowed(
+            change
+        )
+
+    @wp.func
+    def energy_about(
+        i: int,
+        w: s.spin,
+        inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=place),
+        orientation: wp.array(dtype=place),
+    ) -> real:
+        q = axes_of(i, principal_axes, orientation)
+        body = narrowed(wp.quat_rotate_inv(q, widened_spin(w)))
+        return real(0.5) * wp.dot(body, wp.cw_mul(s.load(principal_moment, i), body))
+
+    @wp.func
+    def turn_about(axis: vec, q: rot, momentum: vec, moment: place, dt: place):
+        """Body frame turned about one of its axes by the spin there; momentum [N m s] with it."""
+        angle = dt * wp.dot(axis, momentum) / moment
+        turn = wp.quat_from_axis_angle(axis, angle)
+        return q * turn, wp.quat_rotate_inv(turn, momentum)
+
+    @wp.func
+    def tumble(
+        i: int,
+        w: s.spin,
+        inverse_inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=place),
+        orientation: wp.array(dtype=place),
+        dt: place,
+    ) -> s.spin:
+        """Turn an element freely for dt; its spin then."""
+        own = k.load_rot(principal_axes, i)
+        moment = widened_spin(s.load(principal_moment, i))
+        q = k.load_rot(orientation, i) * own
+        start = widened_spin(w)
+        momentum = wp.cw_mul(moment, wp.quat_rotate_inv(q, start))
+        x = vec(place(1.0), place(0.0), place(0.0))
+        y = vec(place(0.0), place(1.0), place(0.0))
+        z = vec(place(0.0), place(0.0), place(1.0))
+        half = place(0.5) * dt
+        q, momentum = turn_about(x, q, momentum, moment[0], half)
+        q, momentum = turn_about(y, q, momentum, moment[1], half)
+        q, momentum = turn_about(z, q, momentum, moment[2], dt)
+        q, momentum = turn_about(y, q, momentum, moment[1], half)
+        q, momentum = turn_about(x, q, momentum, moment[0], half)
+        after = wp.quat_rotate(q, wp.cw_div(momentum, moment))
+        turned = wp.normalize(q * wp.quat_inverse(own))
+        if inverse_inertia[i] == real(0.0):  # a grip turns at its own constant rate
+            turned = k.rotate_by(k.load_rot(orientation, i), start, dt)
+            after = start
+        k.store_rot(orientation, i, turned)
+        return narrowed(after)
+
+    return Laws(spun=spun_about, energy=energy_about, tumble=tumble)
 
 
 @cache
@@ -41,7 +170,8 @@ def move(
     s: Laws,
     k: Laws,
     slots: int,
-    has_external: bool,
+    external: Loads,
+    has_moments: bool,
     has_work: bool,
     drifts: bool,
     is_listed: bool,
@@ -50,9 +180,11 @@ def move(
     """Pass over elements: finish one half kick, start the next, then drift.
 
     The halves are added one after the other, so that a run that stops between them to be observed
-    has the same bits as one that does not. `has_work` adds up the work of forced motion [J].
+    has the same bits as one that does not. `has_work` adds up the work of grips and of external
+    torques [J].
     """
-    real, load_force = s.real, gather(s, slots, has_external)
+    real, load_force = s.real, gather(s, slots, external)
+    rotor = inertia(s, k, has_moments)
     widened, widened_spin = narrow(k, s), narrow_spin(k, s)
 
     def move(
@@ -60,7 +192,10 @@ def move(
         listed: wp.array(dtype=int),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=k.real),
         external_force: wp.array(dtype=real),
+        external_torque: wp.array(dtype=real),
         # state read
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
@@ -79,8 +214,9 @@ def move(
         i = nn(wp.tid() + first)
         if wp.static(is_listed):
             i = nn(listed[i])
-        f, t = load_force(i, external_force, end_force, end_torque, elements)
+        f, t = load_force(i, external_force, external_torque, end_force, end_torque, elements)
         v = s.load(velocity, i)
+        w = s.load_spin(angular_velocity, i)
         if wp.static(has_work):
             held = s.load(inverse_mass, i)
             for axis in range(wp.static(s.dim)):
@@ -88,39 +224,64 @@ def move(
                 element_work[i] = element_work[i] - wp.where(
                     held[axis] == real(0.0), (finish + start) * f[axis] * v[axis], real(0.0)
                 )
+            element_work[i] = element_work[i] - wp.where(
+                inverse_inertia[i] == real(0.0), (finish + start) * s.spin_dot(t, w), real(0.0)
+            )
         a = wp.cw_mul(s.load(inverse_mass, i), f)
         v = v + finish * a
         v = v + start * a
         s.store(velocity, i, v)
-        w = s.load_spin(angular_velocity, i)
-        w = w + finish * inverse_inertia[i] * t
-        w = w + start * inverse_inertia[i] * t
-        s.store_spin(angular_velocity, i, w)
+        w = rotor.spun(
+            i, w, finish * t, inverse_inertia, principal_moment, principal_axes, orientation
+        )
+        w = rotor.spun(
+            i, w, start * t, inverse_inertia, principal_moment, principal_axes, orientation
+        )
         if wp.static(drifts):
             k.store(displacement, i, k.load(displacement, i) + dt * widened(v))
-            q = k.load_rot(orientation, i)
-            k.store_rot(orientation, i, k.rotate_by(q, widened_spin(w), dt))
+            if wp.static(external[1] and has_work):
+                pulled = s.spin_dot(s.load_spin(external_torque, i), w)
+                element_work[i] = element_work[i] + real(dt) * pulled
+            if wp.static(has_moments):
+                w = rotor.tumble(
+                    i, w, inverse_inertia, principal_moment, principal_axes, orientation, dt
+                )
+            else:
+                q = k.load_rot(orientation, i)
+                k.store_rot(orientation, i, k.rotate_by(q, widened_spin(w), dt))
+        s.store_spin(angular_velocity, i, w)
 
     return kernel(move, simd)
 
 
 @cache
 def integrator_energies(
-    s: Laws, slots: int, has_external: bool, is_listed: bool, simd: bool = True
+    s: Laws,
+    k: Laws,
+    slots: int,
+    external: Loads,
+    has_moments: bool,
+    is_listed: bool,
+    simd: bool = True,
 ):
     """Per element: the integrator's own term [J] (theory B13).
 
     Velocity Verlet conserves H - (dt^2/8) sum(|F|^2/m + |M|^2/J) exactly in a linear system.
     """
-    real, load_force = s.real, gather(s, slots, has_external)
+    real, load_force = s.real, gather(s, slots, external)
+    rotor = inertia(s, k, has_moments)
 
     def integrator_energies(
         # model
         listed: wp.array(dtype=int),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=k.real),
         external_force: wp.array(dtype=real),
+        external_torque: wp.array(dtype=real),
         # state read
+        orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         # written
@@ -132,26 +293,31 @@ def integrator_energies(
         i = nn(t)
         if wp.static(is_listed):
             i = nn(listed[t])
-        f, m = load_force(i, external_force, end_force, end_torque, elements)
+        f, m = load_force(i, external_force, external_torque, end_force, end_torque, elements)
+        spin = rotor.spun(
+            i, s.no_spin(), m, inverse_inertia, principal_moment, principal_axes, orientation
+        )
         integrator_energy[t] = (-real(0.125) * dt * dt) * (
-            wp.dot(f, wp.cw_mul(s.load(inverse_mass, i), f))
-            + inverse_inertia[i] * s.spin_squared(m)
+            wp.dot(f, wp.cw_mul(s.load(inverse_mass, i), f)) + s.spin_dot(m, spin)
         )
 
     return kernel(integrator_energies, simd)
 
 
 @cache
-def element_energies(s: Laws, has_volume: bool, simd: bool = True):
+def element_energies(s: Laws, k: Laws, has_moments: bool, has_volume: bool, simd: bool = True):
     """Per element: kinetic and volume energy [J]."""
-    real = s.real
+    real, rotor = s.real, inertia(s, k, has_moments)
 
     def element_energies(
         # model
         mass: wp.array(dtype=real),
         inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=k.real),
         element_volume: wp.array(dtype=real),
         # state read
+        orientation: wp.array(dtype=k.real),
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
         volume_stiffness: wp.array(dtype=real),
@@ -163,7 +329,8 @@ def element_energies(s: Laws, has_volume: bool, simd: bool = True):
         i = wp.tid()
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
-        kinetic_energy[i] = real(0.5) * (mass[i] * wp.dot(v, v) + inertia[i] * s.spin_squared(w))
+        turning = rotor.energy(i, w, inertia, principal_moment, principal_axes, orientation)
+        kinetic_energy[i] = real(0.5) * mass[i] * wp.dot(v, v) + turning
         if wp.static(has_volume):
             # g = A E; where A = 0 there is no volume energy
             a = volume_stiffness[i]

@@ -22,6 +22,10 @@ class Packing:
     disc whose inertia the element has, by default that of equal volume.
     bonds: element ids i, j of each bond (b, 2). Bonds of a tessellation have faces: area [m^2] (b,)
     and arms [m] (b, 2, dim), from the centres of i and of j to the face's centroid.
+    gyration [m] (n, 3): principal radii of gyration of elements that are not spheres, so that the
+    principal moments of inertia are mass * gyration^2; axes (n, 4): unit quaternions (x, y, z, w)
+    from the principal axes to the world's, by default none turned. ids (n,): the user's own numbers
+    of the elements, by default their order.
     plane: "strain" or "stress" of a plane packing of the given thickness [m], None in space.
     sides: named boundary layers as masks of elements.
 
@@ -35,6 +39,9 @@ class Packing:
     area: Array | None = None
     arms: Array | None = None
     radius: Array | None = None
+    gyration: Array | None = None
+    axes: Array | None = None
+    ids: NDArray[np.int64] | None = None
     plane: str | None = None
     thickness: float = 1.0
     spacing: float = 0.0
@@ -57,6 +64,11 @@ class Packing:
         radius = equal if self.radius is None else self.radius
         set_(self, "radius", positive("radius", radius, (n,)))
         self._check_bonds()
+        self._check_inertia()
+        ids = np.arange(n) if self.ids is None else np.asarray(self.ids)
+        if ids.shape != (n,) or ids.dtype.kind not in "iu" or len(np.unique(ids)) < n:
+            raise InputError(f"ids must be {n} different integers.")
+        set_(self, "ids", ids.astype(np.int64))
         if self.spacing == 0.0:
             length = self.bond_length
             set_(self, "spacing", float(length.mean()) if len(length) else 0.0)
@@ -91,6 +103,29 @@ class Packing:
             arms = finite("arms", self.arms, (len(bonds), 2, dim))
             object.__setattr__(self, "arms", arms)
             self._check_faces()
+
+    def _check_inertia(self) -> None:
+        n, dim = self.position.shape
+        if self.gyration is None:
+            if self.axes is not None:
+                raise InputError("axes need the radii of gyration about them; give gyration.")
+            return
+        if dim == 2:
+            raise InputError("elements of the plane turn about one axis; give radius instead.")
+        square = positive("gyration", self.gyration, (n, 3)) ** 2
+        bad = 2.0 * square.max(axis=1) > (1.0 + 1e-9) * square.sum(axis=1)
+        if bad.any():
+            raise InputError(
+                f"elements {first_ids(bad)}: no body has a principal moment above the sum of the "
+                "other two; check gyration."
+            )
+        axes = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)) if self.axes is None else self.axes
+        axes = finite("axes", axes, (n, 4))
+        bad = np.abs(np.linalg.norm(axes, axis=1) - 1.0) > 1e-6
+        if bad.any():
+            raise InputError(f"axes are not unit quaternions at {first_ids(bad)}.")
+        object.__setattr__(self, "gyration", np.sqrt(square))
+        object.__setattr__(self, "axes", axes)
 
     def _check_faces(self) -> None:
         """Faces meet (c_i - c_j = x_j - x_i), lie between the centres, and close (theory B1, G)."""

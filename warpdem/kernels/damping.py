@@ -1,0 +1,197 @@
+"""Damping: dashpots beside EVM bonds (theory A8) and Cundall's local damping.
+
+It acts at once at the start of a step, on velocities of the time of the places. There it can only
+take energy away: velocity Verlet keeps a form in which kinetic energy stands alone, so a step is
+stable wherever the undamped one is and dt is below 2 over the greatest damping rate. What it takes
+is booked exactly.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .algebra import Laws
+from .evm import evm_kinematics
+from .memory import kernel, nn
+from .motion import NO_LOADS, Loads, gather, inertia
+
+
+@cache
+def dashpot(s: Laws) -> Laws:
+    """Law of a bond's dashpots."""
+    vec4 = wp.types.vector(4, s.real)
+
+    @wp.func
+    def force(eta: vec4, n: s.vec, slip: s.vec):
+        """Force on i [N], eta_n along and eta_t across the bond, of the slip speed at one point."""
+        along = wp.dot(n, slip)
+        return eta[1] * slip + (eta[0] - eta[1]) * along * n
+
+    @wp.func
+    def torque(eta: vec4, n: s.vec, w: s.spin) -> s.spin:
+        """Torque on i [N m] of the relative spin, eta_b across and eta_t along the bond."""
+        if wp.static(s.dim == 2):
+            return eta[2] * w
+        return eta[2] * w + (eta[3] - eta[2]) * wp.dot(n, w) * n
+
+    return Laws(force=force, torque=torque)
+
+
+@cache
+def evm_dashpots(s: Laws, k: Laws, simd: bool = True):
+    """Pass over EVM bonds: force and torques of their dashpots.
+
+    Both act at one point, the middle of the bond, so that a rigid motion is not damped and angular
+    momentum is kept.
+    """
+    kinematics, law, real = evm_kinematics(s, k), dashpot(s), s.real
+
+    def evm_dashpots(
+        # model
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_length: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        # state read
+        evm_dashpot: wp.array(dtype=real),
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+        velocity: wp.array(dtype=real),
+        angular_velocity: wp.array(dtype=real),
+        # written
+        damping_force: wp.array(dtype=real),
+        damping_torque: wp.array(dtype=real),
+        first_evm: int,
+    ):
+        c = nn(wp.tid())
+        b = nn(c + first_evm)
+        x = kinematics.load_measures(
+            b,
+            c,
+            bond_i,
+            bond_j,
+            evm_direction,
+            evm_length,
+            evm_offset,
+            displacement,
+            orientation,
+        )
+        i = nn(bond_i[b])
+        j = nn(bond_j[b])
+        n = x.p - x.bend_i
+        half = real(0.5) * x.length * n
+        arm_i = real(evm_offset[nn(2 * c)]) * x.p + half
+        arm_j = -real(evm_offset[nn(2 * c + 1)]) * x.m - half
+        wi = s.load_spin(angular_velocity, i)
+        wj = s.load_spin(angular_velocity, j)
+        slip = s.load(velocity, j) + s.rotate(wj, arm_j)
+        slip -= s.load(velocity, i) + s.rotate(wi, arm_i)
+        eta = wp.types.vector(4, real)(
+            evm_dashpot[nn(4 * c)],
+            evm_dashpot[nn(4 * c + 1)],
+            evm_dashpot[nn(4 * c + 2)],
+            evm_dashpot[nn(4 * c + 3)],
+        )
+        f = law.force(eta, n, slip)
+        t = law.torque(eta, n, wj - wi)
+        ti = s.cross(arm_i, f) + t
+        tj = -s.cross(arm_j, f) - t
+        s.store_ends(bond_place, damping_force, damping_torque, b, f, ti, tj)
+
+    return kernel(evm_dashpots, simd)
+
+
+@cache
+def damp(
+    s: Laws,
+    k: Laws,
+    slots: int,
+    external: Loads,
+    has_moments: bool,
+    has_work: bool,
+    has_dashpots: bool,
+    is_local: bool,
+    simd: bool = True,
+):
+    """Pass over elements: kick by damping alone, and the energy it takes [J].
+
+    Local damping opposes each component of velocity and spin by a share of the net force or torque
+    there (Cundall 1987); it never turns a motion round.
+    """
+    real, rotor = s.real, inertia(s, k, has_moments)
+    load_force = gather(s, slots, external)
+    load_damping = gather(s, slots, NO_LOADS)
+
+    @wp.func
+    def opposed(share: real, force: real, yielding: real, speed: real, dt: real) -> real:
+        """Impulse against the speed, at most what stops it."""
+        size = wp.min(share * wp.abs(force) * dt * yielding, wp.abs(speed))
+        safe = wp.where(yielding == real(0.0), real(1.0), yielding)
+        return wp.where(yielding == real(0.0), real(0.0), -wp.sign(speed) * size / safe)
+
+    def damp(
+        # model
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=k.real),
+        external_force: wp.array(dtype=real),
+        external_torque: wp.array(dtype=real),
+        # state read
+        orientation: wp.array(dtype=k.real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
+        damping_force: wp.array(dtype=real),
+        damping_torque: wp.array(dtype=real),
+        # written
+        velocity: wp.array(dtype=real),
+        angular_velocity: wp.array(dtype=real),
+        damped_energy: wp.array(dtype=real),
+        element_work: wp.array(dtype=real),
+        local_damping: real,
+        dt: real,
+        elements: int,
+    ):
+        i = nn(wp.tid())
+        v = s.load(velocity, i)
+        w = s.load_spin(angular_velocity, i)
+        inv_m = s.load(inverse_mass, i)
+        inv_j = inverse_inertia[i]
+        impulse = s.vec()
+        twist = s.no_spin()
+        if wp.static(has_dashpots):
+            f, t = load_damping(
+                i, external_force, external_torque, damping_force, damping_torque, elements
+            )
+            impulse = dt * f
+            twist = dt * t
+        if wp.static(is_local):
+            f, t = load_force(i, external_force, external_torque, end_force, end_torque, elements)
+            for axis in range(wp.static(s.dim)):
+                impulse[axis] = impulse[axis] + opposed(
+                    local_damping, f[axis], inv_m[axis], v[axis], dt
+                )
+            if wp.static(s.dim == 2):
+                twist = twist + opposed(local_damping, t, inv_j, w, dt)
+            else:
+                for axis in range(3):
+                    twist[axis] = twist[axis] + opposed(local_damping, t[axis], inv_j, w[axis], dt)
+        after = v + wp.cw_mul(inv_m, impulse)
+        spin = rotor.spun(
+            i, w, twist, inverse_inertia, principal_moment, principal_axes, orientation
+        )
+        taken = -real(0.5) * (wp.dot(impulse, v + after) + s.spin_dot(twist, w + spin))
+        damped_energy[i] = damped_energy[i] + taken
+        if wp.static(has_work):
+            # a grip takes the dashpots' reaction
+            grip = real(0.0)
+            for axis in range(wp.static(s.dim)):
+                grip += wp.where(inv_m[axis] == real(0.0), impulse[axis] * v[axis], real(0.0))
+            grip += wp.where(inv_j == real(0.0), s.spin_dot(twist, w), real(0.0))
+            element_work[i] = element_work[i] - grip
+        s.store(velocity, i, after)
+        s.store_spin(angular_velocity, i, spin)
+
+    return kernel(damp, simd)
