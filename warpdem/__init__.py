@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING
 from . import experiments, packing
 from .bond import EVMBond
 from .criteria import DruckerPrager, HuberMisesHencky, Rankine
-from .errors import InputError, ModelWarning, NonFiniteError
+from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
 from .material import Material
 from .observe import CrackTracker, Snapshot
 from .packing import Packing
 from .scene import Body, Scene
+from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Body",
+    "Circle",
     "CrackTracker",
     "DruckerPrager",
     "EVMBond",
@@ -27,12 +29,16 @@ __all__ = [
     "Material",
     "ModelWarning",
     "NonFiniteError",
+    "NotConvergedError",
     "Observer",
     "Packing",
     "Rankine",
+    "Rectangle",
     "Scene",
     "Simulation",
     "Snapshot",
+    "TroubledBondError",
+    "Tube",
     "UsdWriter",
     "experiments",
     "packing",

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import experiments
-from .errors import InputError, NonFiniteError
+from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
 from .experiments.mode_i import CRITERIA, PACKINGS
 from .observe import CrackTracker
 from .simulation import PRECISIONS, Observer, Simulation
@@ -210,6 +210,6 @@ def main() -> None:
     except InputError as error:
         errors.print(f"error: {error}", markup=False)
         sys.exit(2)
-    except NonFiniteError as error:
+    except (NonFiniteError, NotConvergedError, TroubledBondError) as error:
         errors.print(f"stopped: {error}", markup=False)
         sys.exit(3)

@@ -20,6 +20,14 @@ class NonFiniteError(RuntimeError):
     """The run left the finite numbers; the message names element, step and time step."""
 
 
+class TroubledBondError(RuntimeError):
+    """An EVM bond left the range of its energy; the message names it, its angle and the step."""
+
+
+class NotConvergedError(RuntimeError):
+    """A search for rest did not reach its residual; the message says how far it came."""
+
+
 def first_ids(mask: ArrayLike) -> str:
     """The first five ids at which a mask is set, for a message."""
     ids = np.flatnonzero(np.asarray(mask))

@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
 from .model import bond_ends, build, state_arrays
 from .scene import Body, Scene
-from .stability import bound_damping, bound_frequency, gathered, largest_frequency, link_states
-from .step import PRECISIONS, Step
+from .stability import bound_damping, bound_frequency, largest_frequency, link_states
+from .statics import Telling, equilibrate, relax
+from .step import PRECISIONS, Step, gathered
+from .trouble import TYPE as TROUBLE_TYPE
+from .trouble import Troubles
 
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping took
@@ -38,6 +41,8 @@ class Simulation:
     in float64, forces in float32); dt [s]: by default 0.8 of the stability limit, found by
     iteration on the scene itself; a larger one than the limit is refused unless `force_dt`.
     local_damping: Cundall's, a share of each net force, only for quasi-static scenes (theory A8).
+    trouble: what happens when an EVM bond is twisted, bent or crushed beyond what its energy stands
+    for (theory A5): "warn" once a bond, or "stop" with a TroubledBondError.
     simd: vectorise the CPU's loops where this Warp allows it.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
@@ -51,9 +56,11 @@ class Simulation:
         dt: float | None = None,
         force_dt: bool = False,
         local_damping: float = 0.0,
+        trouble: str = "warn",
         simd: bool = True,
     ) -> None:
         one_of("precision", precision, PRECISIONS)
+        one_of("trouble", trouble, ("warn", "stop"))
         if not 0.0 <= finite("local_damping", local_damping, ()) < 1.0:
             raise InputError(
                 f"local_damping is {local_damping:g}; give 0 (none) to below 1, usually 0.7."
@@ -67,12 +74,12 @@ class Simulation:
         self._elements = {
             id(b): slice(*ab) for b, *ab in zip(scene.bodies, starts, starts[1:], strict=False)
         }
-        spacing = max(b.packing.spacing for b in scene.bodies)
+        self._spacing = max(b.packing.spacing for b in scene.bodies)
         frequency = 0.0
         for linked in link_states(self.model):
             trial = state_arrays(self.model, scene, linked)
             step = Step(self.model, trial, 1.0, precision, self.device, simd, slack=np.inf)
-            frequency = max(frequency, largest_frequency(step, spacing))
+            frequency = max(frequency, largest_frequency(step, self._spacing))
         bound = bound_frequency(self.model)
         rate = bound_damping(self.model)
         self.dt_limit = 2.0 / max(frequency, rate) if frequency > 0.0 else np.inf
@@ -98,6 +105,9 @@ class Simulation:
             local_damping=local_damping,
         )
         self._step.evaluate_forces()
+        self._troubles = None
+        if self.model.evm_bonds:
+            self._troubles = Troubles(self.model, stops=trouble == "stop")
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
         self._stopped = False
@@ -142,6 +152,37 @@ class Simulation:
             self._call_observers()
         for observer in self._observers:
             observer.finish(self)
+
+    def relax(
+        self, tolerance: float = 1e-6, max_steps: int = 100_000, tell: Telling | None = None
+    ) -> float:
+        """Bring the scene to rest by steered motion (FIRE), on the device.
+
+        Grips stand still, no bond breaks and no time passes. tolerance: greatest net force over the
+        greatest bond force; tell: called with the step and that residual from time to time. Returns
+        the residual; the energy ledger starts anew. Raises NotConvergedError.
+        """
+        self._step.synchronise()
+        found = relax(self._step, tolerance, max_steps, tell)
+        self._start_anew()
+        return found
+
+    def equilibrate(
+        self,
+        tolerance: float = 1e-9,
+        max_iterations: int = 50,
+        load_steps: int = 1,
+        tell: Telling | None = None,
+    ) -> float:
+        """Bring the scene to rest by Newton's method with a sparse solver on the host, in float64.
+
+        For slender bodies and exact answers; outer loads grow in `load_steps` equal steps. The rest
+        as `relax`.
+        """
+        self._step.synchronise()
+        found = equilibrate(self._step, self._spacing, tolerance, max_iterations, load_steps, tell)
+        self._start_anew()
+        return found
 
     def stop(self) -> None:
         """End the run after the current call of observers."""
@@ -289,6 +330,16 @@ class Simulation:
         log["released_energy"] = self._step.download("break_energy")[rows]
         return log
 
+    def troubled_bonds(self) -> NDArray[np.void]:
+        """EVM bonds found beyond what their energy stands for, a structured array with the fields
+
+        bond, i, j, step (when it was found), kind ("twisted", "bent" or "crushed") and value: the
+        angle [rad], or the bond's length over that at rest.
+        """
+        if self._troubles is None:
+            return np.zeros(0, dtype=TROUBLE_TYPE)
+        return self._troubles.log
+
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
@@ -330,11 +381,16 @@ class Simulation:
                 if bad.any():
                     raise InputError(f"orientation is not of unit length at {first_ids(bad)}.")
             self._step.upload(name, a)
-        self._step.forget_gaps()
-        self._step.evaluate_forces()
-        self.initial_energies = self._measure()
+        self._start_anew()
 
     # -- within -----------------------------------------------------------------------------------
+
+    def _start_anew(self) -> None:
+        """Forces, books and checks of a state that was not reached by steps."""
+        self._step.forget_gaps()
+        self._step.evaluate_forces()
+        self._guard()
+        self.initial_energies = self._measure()
 
     def _measure(self) -> dict[str, float]:
         ledger = self._step.energies()
@@ -367,6 +423,8 @@ class Simulation:
                     f"{self._step.count} (time {self.time:.4g} s, dt {self.dt:.4g} s, limit "
                     f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
                 )
+        if self._troubles is not None:
+            self._troubles.check(self._step)
 
 
 def stress_tensor(columns: ArrayLike) -> Array:

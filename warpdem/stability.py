@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from .errors import Array
 from .model import Model, bond_ends, face_reach, inverse_inertia_root, volume_stiffness
-from .step import Step
+from .step import Step, gathered
 
 
 def largest_frequency(step: Step, spacing: float) -> float:
@@ -192,10 +192,3 @@ def _volume_springs(model: Model) -> Array:
     ax = (a * x)[ends]
     # S/r0^2 (q_i A_i X_i + q_j A_j X_j), with S q and w = S/r0 at hand
     return (model.bond_weight / model.bond_area) ** 2 * (face * ax).sum(axis=1)
-
-
-def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Force [N] and torque [N m] that the bonds exert on every element, summed in float64."""
-    slots, n = step.model.features.slots, step.model.elements
-    force, torque = (step.download(x).astype(np.float64) for x in ("end_force", "end_torque"))
-    return force.reshape(slots, n, -1).sum(axis=0), torque.reshape(slots, n, -1).sum(axis=0)

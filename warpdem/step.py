@@ -29,6 +29,7 @@ from .kernels.facet import (
 )
 from .kernels.fracture import break_bonds, log_breaks
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
+from .kernels.relaxation import fire, fire_power
 from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
@@ -101,6 +102,7 @@ class Step:
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
+        self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
         self.forget_gaps()
@@ -141,6 +143,20 @@ class Step:
         self._log.launch()
         self._mend.launch()
         self.integrator_released += before - self._near_integrator_energy()
+
+    def relaxing_sums(self) -> tuple[float, float, float]:
+        """Power of the net forces, v.M v and F.M^-1 F, summed over all elements."""
+        if self._relax is None:
+            self._relax, self._relax_power = self._bind_relax()
+            self._relax_power.launch()
+        power, kinetic, force = (self._sum("relaxing_" + x) for x in ("power", "kinetic", "force"))
+        return power, kinetic, force
+
+    def relax(self, keep: float, push: float) -> None:
+        """One step of relaxation: v <- keep v + push M^-1 F, drift, evaluate forces."""
+        assert self._relax is not None
+        self.upload("relaxing_mix", np.array([keep, push]))
+        self._relax.launch()
 
     def synchronise(self) -> None:
         """Bring velocities to the time of the places."""
@@ -371,6 +387,24 @@ class Step:
             ]
         )
 
+    def _bind_relax(self) -> tuple[Passes, wp.Launch]:
+        (s, k), m, f = self._space, self.model, self.model.features
+        for name in ("power", "kinetic", "force"):
+            self.upload("relaxing_" + name, np.zeros(m.elements))
+        self.upload("relaxing_mix", np.zeros(2))
+        unused = self._without(self._optional)
+        steer, power = (
+            self._bind(
+                law(s, k, f.slots, f.external, f.has_moments, self._simd),
+                m.elements,
+                unused,
+                elements=m.elements,
+            )
+            for law in (fire, fire_power)
+        )
+        passes = [steer, self._move(0.0, 0.0, drifts=True), *self._force_passes(), power]
+        return self._passes(passes), power
+
     def _force_passes(self, near: bool = False) -> list[wp.Launch]:
         """Forces of all bonds, or of those near bonds that may break."""
         (s, k), m, f = self._space, self.model, self.model.features
@@ -560,3 +594,10 @@ class Step:
                 value = self.arrays[name]
             inputs.append(self._nothing(parameter.annotation) if value is None else value)
         return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
+
+
+def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Force [N] and torque [N m] that the bonds exert on every element, summed in float64."""
+    slots, n = step.model.features.slots, step.model.elements
+    force, torque = (step.download(x).astype(np.float64) for x in ("end_force", "end_torque"))
+    return force.reshape(slots, n, -1).sum(axis=0), torque.reshape(slots, n, -1).sum(axis=0)

@@ -1,0 +1,99 @@
+"""EVM bonds deformed beyond what their energy stands for (theory A5): told once, with ids."""
+
+import warnings
+from math import degrees, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import Array, ModelWarning, TroubledBondError
+from .kernels.evm import CRUSHED
+from .model import Model
+from .step import Step
+
+TWIST = pi / 3.0  # torsion is 17 % soft here; its moment falls from pi/2 on
+TURN = 0.95 * pi  # angles of bonds with large_rotation have a kink at pi
+KINDS = ("twisted", "bent", "crushed")
+TYPE = [("bond", int), ("i", int), ("j", int), ("step", int), ("kind", "U8"), ("value", float)]
+ADVICE = {
+    "twisted": "take more bonds along the length, or EVMBond(large_rotation=True)",
+    "bent": "take more bonds along the length, or EVMBond(large_rotation=True)",
+    "crushed": "the bond has lost its direction; reduce the load or let such bonds break",
+}
+
+
+def bend_limit(stiffness: Array) -> Array:
+    """Angle of both ends [rad] at which the moment of a bent bond is greatest, (b,).
+
+    M = B2/2 sin(phi) + (B3 + B4/2) sin(2 phi) (Kuzkin 9), so cos(phi) is the root of
+    4 h x^2 + B2/2 x - 2 h = 0, h = B3 + B4/2 = c_B - B2/4. Not below a small angle, so that bonds
+    without any stiffness in bending are not told of.
+    """
+    _, b2, b3, b4 = stiffness.T
+    h = b3 + 0.5 * b4
+    root = np.sqrt(0.25 * b2**2 + 32.0 * h**2)
+    scale = np.where(h == 0.0, 1.0, 8.0 * h)
+    cosine = np.where(h == 0.0, 0.0, (-0.5 * b2 + root) / scale)
+    has_moment = b2 + np.abs(h) > 0.0
+    return np.where(has_moment, np.arccos(np.clip(cosine, -1.0, 1.0)), np.inf)
+
+
+class Troubles:
+    """Which EVM bonds of a simulation were found in trouble; each is told of once a kind."""
+
+    def __init__(self, model: Model, stops: bool) -> None:
+        assert model.evm_stiffness is not None
+        self._model, self._stops = model, stops
+        stiffness = model.evm_stiffness
+        shape = (len(KINDS), len(stiffness))
+        self._limit = np.empty(shape)
+        if model.features.large_rotation:
+            self._limit[:2] = TURN
+        else:
+            self._limit[0], self._limit[1] = TWIST, bend_limit(stiffness)
+        self._limit[0, stiffness[:, 3] == 0.0] = np.inf  # no torsion, no trouble
+        self._limit[2] = 1.0 - CRUSHED
+        self._told = np.zeros(shape, dtype=bool)
+        self._rows: list[tuple] = []
+
+    @property
+    def log(self) -> NDArray[np.void]:
+        """Bonds found so far: bond, i, j, step, kind, value (an angle [rad], or D/a)."""
+        return np.array(self._rows, dtype=TYPE)
+
+    def check(self, step: Step) -> None:
+        """Look at all linked bonds; warn of new trouble, or raise if it is to stop the run."""
+        found = step.evaluate_angles()
+        m = self._model
+        value = np.stack([found["evm_twist"], found["evm_bend"], -found["evm_elongation"]])
+        new = (value > self._limit) & ~self._told
+        if not new.any():
+            return
+        new &= step.download("evm_stiffness").any(axis=1)  # unlinked bonds are at rest
+        self._told |= new
+        for row, kind in enumerate(KINDS):
+            bonds = np.flatnonzero(new[row])
+            if len(bonds) == 0:
+                continue
+            size = np.where(kind == "crushed", 1.0 - value[row], value[row])
+            ids = bonds + m.facet_bonds
+            self._rows += [
+                (b, m.bond_i[b], m.bond_j[b], step.count, kind, size[c])
+                for b, c in zip(ids, bonds, strict=True)
+            ]
+            message = self._sentence(kind, ids, size[bonds], step.count)
+            if self._stops:
+                raise TroubledBondError(message)
+            warnings.warn(message, ModelWarning, stacklevel=4)
+
+    def _sentence(self, kind: str, ids: NDArray[np.int64], size: Array, step: int) -> str:
+        m = self._model
+        shown = []
+        for b, x in list(zip(ids, size, strict=True))[:5]:
+            how = f"to {x:.2g} of its length" if kind == "crushed" else f"by {degrees(x):.0f} deg"
+            shown.append(f"{b} (elements {m.bond_i[b]} and {m.bond_j[b]}) {how}")
+        more = f" and {len(ids) - 5} more" if len(ids) > 5 else ""
+        return (
+            f"at step {step} these EVM bonds are {kind} beyond the range of their energy: "
+            f"{', '.join(shown)}{more}; {ADVICE[kind]}."
+        )
