@@ -7,6 +7,7 @@ from .bond import EVMBond
 from .criteria import DruckerPrager, HuberMisesHencky, Rankine
 from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
 from .material import Material
+from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
 from .observe import CrackTracker, Snapshot
 from .packing import Packing
 from .scene import Body, Scene
@@ -20,6 +21,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Body",
+    "Calibration",
     "Circle",
     "CrackTracker",
     "DruckerPrager",
@@ -28,6 +30,7 @@ __all__ = [
     "InputError",
     "Material",
     "ModelWarning",
+    "Moduli",
     "NonFiniteError",
     "NotConvergedError",
     "Observer",
@@ -40,8 +43,12 @@ __all__ = [
     "TroubledBondError",
     "Tube",
     "UsdWriter",
+    "calibrate",
     "experiments",
+    "lattice_bond",
+    "lattice_moduli",
     "packing",
+    "periodic_moduli",
 ]
 
 

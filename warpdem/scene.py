@@ -77,6 +77,10 @@ class Scene:
         """
         if not isinstance(packing, Packing) or not isinstance(material, Material):
             raise InputError("scene.add takes a Packing and a Material.")
+        if packing.period is not None:
+            raise InputError(
+                "this packing is periodic, for calibration; a scene takes bodies with surfaces."
+            )
         faces = packing.area is not None
         if isinstance(bond, EVMBond):
             has_volume = bool(volume)

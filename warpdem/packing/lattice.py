@@ -6,17 +6,21 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, one_of
 from .packing import SIDES, Mask, Packing, check_box
 
 
 def hexagonal(
-    size: Sequence[float], spacing: float, plane: str = "strain", thickness: float = 1.0
+    size: Sequence[float],
+    spacing: float,
+    plane: str = "strain",
+    thickness: float = 1.0,
+    neighbours: int = 1,
 ) -> Packing:
     """Close-packed rows along x in a box from (0, 0), cells of area sqrt(3)/2 spacing^2.
 
     size: width and height [m] of the box; spacing: distance d of neighbours [m]; plane: "strain"
-    or "stress"; thickness [m].
+    or "stress"; thickness [m]; neighbours: 2 adds bonds to second neighbours, without faces.
     """
     check_box(size, spacing, 2)
     pitch = sqrt(3.0) / 2.0 * spacing
@@ -39,15 +43,21 @@ def hexagonal(
         sides=sides,
         plane=plane,
         thickness=thickness,
+        second=_second(neighbours, sqrt(3.0)),
     )
 
 
 def square(
-    size: Sequence[float], spacing: float, plane: str = "strain", thickness: float = 1.0
+    size: Sequence[float],
+    spacing: float,
+    plane: str = "strain",
+    thickness: float = 1.0,
+    neighbours: int = 1,
 ) -> Packing:
     """Square cells in a box from (0, 0). Facet bonds leave it with gear modes (theory B8).
 
-    size: width and height [m]; spacing: distance d of neighbours [m].
+    size: width and height [m]; spacing: distance d of neighbours [m]; neighbours: 2 adds bonds to
+    second neighbours, without faces.
     """
     check_box(size, spacing, 2)
     sites = _sites(size, spacing)
@@ -59,13 +69,15 @@ def square(
         sides=_sides(sites),
         plane=plane,
         thickness=thickness,
+        second=_second(neighbours, sqrt(2.0)),
     )
 
 
-def simple_cubic(size: Sequence[float], spacing: float) -> Packing:
+def simple_cubic(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Cubic cells in a box from (0, 0, 0). Facet bonds leave it with gear modes (theory B8).
 
-    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m]; neighbours: 2 adds
+    bonds to second neighbours, without faces.
     """
     check_box(size, spacing, 3)
     sites = _sites(size, spacing)
@@ -75,15 +87,17 @@ def simple_cubic(size: Sequence[float], spacing: float) -> Packing:
         volume=spacing**3,
         area=spacing**2,
         sides=_sides(sites),
+        second=_second(neighbours, sqrt(2.0)),
     )
 
 
-def bcc(size: Sequence[float], spacing: float) -> Packing:
+def bcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Body-centred cubic packing, eight neighbours, in a box from (0, 0, 0).
 
     The area of its bonds is not that of Voronoi faces, which would need fourteen neighbours, but
     satisfies the divergence theorem, so that the packing is exactly isotropic (theory B1).
-    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m]; neighbours: 2 adds
+    bonds to second neighbours, without faces.
     """
     check_box(size, spacing, 3)
     half = spacing / sqrt(3.0)
@@ -96,13 +110,15 @@ def bcc(size: Sequence[float], spacing: float) -> Packing:
         volume=volume,
         area=3.0 * volume / (4.0 * spacing),
         sides=_sides(sites, layers=2),
+        second=_second(neighbours, 2.0 / sqrt(3.0)),
     )
 
 
-def fcc(size: Sequence[float], spacing: float) -> Packing:
+def fcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Face-centred cubic packing, cube edges along the axes, in a box from (0, 0, 0).
 
-    size: the three edges of the box [m]; spacing: distance d of neighbours [m].
+    size: the three edges of the box [m]; spacing: distance d of neighbours [m]; neighbours: 2 adds
+    bonds to second neighbours, without faces.
     """
     check_box(size, spacing, 3)
     half = spacing / sqrt(2.0)
@@ -114,6 +130,7 @@ def fcc(size: Sequence[float], spacing: float) -> Packing:
         volume=spacing**3 / sqrt(2.0),
         area=spacing**2 / (2.0 * sqrt(2.0)),
         sides=_sides(sites),
+        second=_second(neighbours, sqrt(2.0)),
     )
 
 
@@ -125,23 +142,31 @@ def _lattice(
     sides: Mapping[str, Mask],
     plane: str | None = None,
     thickness: float = 1.0,
+    second: float = 1.0,
 ) -> Packing:
     from scipy.spatial import cKDTree
 
-    bonds = cKDTree(position).query_pairs(1.01 * spacing, output_type="ndarray").astype(np.int64)
+    bonds = cKDTree(position).query_pairs(1.01 * second * spacing, output_type="ndarray")
+    bonds = bonds.astype(np.int64)
     bonds = bonds[np.lexsort((bonds[:, 1], bonds[:, 0]))]
     half = 0.5 * (position[bonds[:, 1]] - position[bonds[:, 0]])
+    faces = {"area": np.full(len(bonds), area), "arms": np.stack([half, -half], axis=1)}
     return Packing(
         position=position.astype(np.float64),
         volume=np.full(len(position), volume),
         bonds=bonds,
-        area=np.full(len(bonds), area),
-        arms=np.stack([half, -half], axis=1),
+        **(faces if second == 1.0 else {}),
         plane=plane,
         thickness=thickness,
         spacing=spacing,
         sides=sides,
     )
+
+
+def _second(neighbours: int, distance: float) -> float:
+    """How far bonds reach, in spacings: 1, or the distance of second neighbours."""
+    one_of("neighbours", neighbours, (1, 2))
+    return 1.0 if neighbours == 1 else distance
 
 
 def _sites(size: Sequence[float], pitch: float) -> NDArray[np.int64]:

@@ -26,6 +26,7 @@ class Packing:
     principal moments of inertia are mass * gyration^2; axes (n, 4): unit quaternions (x, y, z, w)
     from the principal axes to the world's, by default none turned. ids (n,): the user's own numbers
     of the elements, by default their order.
+    period [m] (dim,): edges of the box that a periodic cell repeats with.
     plane: "strain" or "stress" of a plane packing of the given thickness [m], None in space.
     sides: named boundary layers as masks of elements.
 
@@ -42,6 +43,7 @@ class Packing:
     gyration: Array | None = None
     axes: Array | None = None
     ids: NDArray[np.int64] | None = None
+    period: Array | None = None
     plane: str | None = None
     thickness: float = 1.0
     spacing: float = 0.0
@@ -63,6 +65,8 @@ class Packing:
         equal = np.sqrt(v / pi) if dim == 2 else np.cbrt(0.75 * v / pi)
         radius = equal if self.radius is None else self.radius
         set_(self, "radius", positive("radius", radius, (n,)))
+        if self.period is not None:
+            set_(self, "period", positive("period", self.period, (dim,)))
         self._check_bonds()
         self._check_inertia()
         ids = np.arange(n) if self.ids is None else np.asarray(self.ids)
@@ -98,6 +102,12 @@ class Packing:
             raise InputError(f"elements {first_ids(bad)} lie on the same place as others.")
         if (self.area is None) != (self.arms is None):
             raise InputError("give both area and arms of the faces, or neither.")
+        if self.period is not None:
+            bad = (np.abs(self.bond_vector) > 0.45 * self.period).any(axis=1)
+            if bad.any():
+                raise InputError(
+                    f"bonds {first_ids(bad)} are half as long as the period; take a larger cell."
+                )
         if self.area is not None and self.arms is not None:
             object.__setattr__(self, "area", positive("area", self.area, (len(bonds),)))
             arms = finite("arms", self.arms, (len(bonds), 2, dim))
@@ -171,8 +181,9 @@ class Packing:
 
     @cached_property
     def bond_vector(self) -> Array:
-        """x_j - x_i [m], shape (b, dim)."""
-        return self.position[self.bonds[:, 1]] - self.position[self.bonds[:, 0]]
+        """x_j - x_i [m], shape (b, dim); of a periodic cell to the nearest image of j."""
+        x = self.position[self.bonds[:, 1]] - self.position[self.bonds[:, 0]]
+        return x if self.period is None else x - self.period * np.rint(x / self.period)
 
     @cached_property
     def bond_length(self) -> Array:
