@@ -27,8 +27,8 @@ ALLOWED = {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
     },
     "validation": {
-        *("errors", "material", "bond", "criteria", "packing", "scene", "simulation"),
-        "experiments",
+        *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
+        *("moduli", "statics", "experiments"),
     },
     "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
 }

@@ -11,7 +11,7 @@ from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
 from .model import bond_ends, build, state_arrays
 from .scene import Body, Scene
 from .stability import bound_damping, bound_frequency, largest_frequency, link_states
-from .statics import Telling, equilibrate, relax
+from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
 from .trouble import Troubles
@@ -163,26 +163,35 @@ class Simulation:
         the residual; the energy ledger starts anew. Raises NotConvergedError.
         """
         self._step.synchronise()
-        found = relax(self._step, tolerance, max_steps, tell)
+        found = relax(self._step, self._spacing, tolerance, max_steps, tell)
         self._start_anew()
         return found
 
     def equilibrate(
         self,
-        tolerance: float = 1e-9,
-        max_iterations: int = 50,
+        tolerance: float = 1e-8,
+        max_iterations: int = 20,
         load_steps: int = 1,
         tell: Telling | None = None,
     ) -> float:
         """Bring the scene to rest by Newton's method with a sparse solver on the host, in float64.
 
-        For slender bodies and exact answers; outer loads grow in `load_steps` equal steps. The rest
-        as `relax`.
+        For slender bodies and exact answers; outer loads grow in steps of 1/load_steps, halved where
+        the method does not converge in max_iterations. The rest as `relax`.
         """
         self._step.synchronise()
         found = equilibrate(self._step, self._spacing, tolerance, max_iterations, load_steps, tell)
         self._start_anew()
         return found
+
+    def natural_frequencies(self, count: int = 6) -> Array:
+        """Lowest angular frequencies [rad/s] of small motions about the current state, (count,).
+
+        The state should be one of rest. A negative one stands for a motion that grows as
+        exp(|omega| t): the state is unstable, as a column above its buckling load.
+        """
+        self._step.synchronise()
+        return natural_frequencies(self._step, self._spacing, count)
 
     def stop(self) -> None:
         """End the run after the current call of observers."""

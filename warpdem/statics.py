@@ -12,35 +12,40 @@ from .step import Step, gathered
 # FIRE of Bitzek et al. 2006, at a constant time step
 STEER, STEER_DECAY, PATIENCE = 0.1, 0.99, 5
 LOOK_EVERY = 20  # steps between looks at the residual
-DIFFERENCE = 1e-5  # of a spacing, and of a radian: central differences of forces
+DIFFERENCE = 5e-4  # of a spacing, and of a radian: central differences of fourth order
+SMALLEST = 1e-3  # share of the loads below which a load step is not halved again
 TURN_MOST = 0.3  # rad that Newton's method turns an element by at once
 Telling = Callable[[int, float], None]
 
 
-def residual(step: Step) -> tuple[Array, float]:
-    """Net force and torque on every free axis, (n, dim + spins), and the size of bond forces.
+def residual(step: Step, spacing: float) -> float:
+    """Greatest net force on a free axis over the greatest force of a bond or from outside.
 
-    Torques are divided by the arm that makes them comparable: the greatest bond torque over the
-    greatest bond force.
+    A torque counts as the force at an arm of one spacing.
     """
     m = step.model
+    net = np.concatenate(_net(step), axis=1) * _free(m)
+    sizes = [np.abs(step.download(x)).max(initial=0.0) for x in ("end_force", "end_torque")]
+    for at, outer in enumerate((m.external_force, m.external_torque)):
+        if outer is not None:
+            sizes[at] = max(sizes[at], np.abs(outer).max())
+    net[:, m.features.dim :] /= spacing
+    size = max(sizes[0], sizes[1] / spacing)
+    return float(np.abs(net).max(initial=0.0) / size) if size > 0.0 else 0.0
+
+
+def _net(step: Step) -> tuple[Array, Array]:
+    """Force and torque on every element, those from outside included."""
     force, torque = gathered(step)
-    if m.external_force is not None:
-        force += step.download("external_force")
-    if m.external_torque is not None:
-        torque += step.download("external_torque")
-    net = np.concatenate([force, torque], axis=1) * _free(m)
-    bonds = [np.abs(step.download(x)).max(initial=0.0) for x in ("end_force", "end_torque")]
-    outer = [
-        np.abs(x).max() if x is not None else 0.0 for x in (m.external_force, m.external_torque)
-    ]
-    size_force, size_torque = (float(max(x)) for x in zip(bonds, outer, strict=True))
-    arm = size_torque / size_force if size_force > 0.0 and size_torque > 0.0 else 1.0
-    net[:, m.features.dim :] /= arm
-    return net, size_force if size_force > 0.0 else size_torque / arm
+    for total, name in ((force, "external_force"), (torque, "external_torque")):
+        if name in step.arrays:
+            total += step.download(name)
+    return force, torque
 
 
-def relax(step: Step, tolerance: float, max_steps: int, tell: Telling | None) -> float:
+def relax(
+    step: Step, spacing: float, tolerance: float, max_steps: int, tell: Telling | None
+) -> float:
     """Bring a scene to rest by FIRE; grips stand still, nothing breaks, no time passes.
 
     Returns the residual over the size of the bond forces; raises NotConvergedError.
@@ -53,8 +58,7 @@ def relax(step: Step, tolerance: float, max_steps: int, tell: Telling | None) ->
     steer, uphill_free, worst = STEER, 0, np.inf
     for count in range(max_steps + 1):
         if count % LOOK_EVERY == 0:
-            net, size = residual(step)
-            worst = float(np.abs(net).max(initial=0.0)) / size if size > 0.0 else 0.0
+            worst = residual(step, spacing)
             if tell is not None:
                 tell(count, worst)
             if worst <= tolerance or not np.isfinite(worst):
@@ -89,42 +93,58 @@ def equilibrate(
     load_steps: int,
     tell: Telling | None,
 ) -> float:
-    """Bring a scene to rest by Newton's method; outer loads grow in `load_steps` equal steps.
+    """Bring a scene to rest by Newton's method; outer loads grow in steps, at first 1/load_steps.
 
-    Returns the residual over the size of the bond forces; raises NotConvergedError.
+    A step that does not converge is halved, down to SMALLEST. Returns the residual over the size of
+    the bond forces; raises NotConvergedError.
     """
     if step.real is not step.place or step.download("displacement").dtype != np.float64:
         raise InputError("equilibrate needs precision='float64'; relax works in all.")
-    m = step.model
-    outer = {
-        name: getattr(m, name)
-        for name in ("external_force", "external_torque")
-        if getattr(m, name) is not None
-    }
     if load_steps < 1 or max_iterations < 1:
         raise InputError("load_steps and max_iterations must be at least 1.")
-    colours, worst, iteration = _colours(m), np.inf, 0
-    for load in range(1, load_steps + 1):
-        for name, value in outer.items():
-            step.upload(name, value * (load / load_steps))
-        step.evaluate_forces()
-        for _ in range(max_iterations):
-            net, size = residual(step)
-            worst = float(np.abs(net).max(initial=0.0)) / size if size > 0.0 else 0.0
-            if tell is not None:
-                tell(iteration, worst)
-            if worst <= tolerance:
-                break
-            iteration += 1
-            _newton(step, spacing, colours)
-        else:
-            for name, value in outer.items():
-                step.upload(name, value)
+    m = step.model
+    names = [x for x in ("external_force", "external_torque") if getattr(m, x) is not None]
+    colours, reached, worst = _colours(m), 0.0, np.inf
+    advance = 1.0 / load_steps if names else 1.0
+    while reached < 1.0:
+        start = {name: step.download(name) for name in ("displacement", "orientation")}
+        load = min(1.0, reached + advance)
+        for name in names:
+            step.upload(name, getattr(m, name) * load)
+        worst = _find_rest(step, spacing, colours, tolerance, max_iterations, tell)
+        if worst <= tolerance:
+            reached, advance = load, 1.5 * advance
+            continue
+        advance *= 0.5
+        if not names or advance < SMALLEST:
+            for name in names:
+                step.upload(name, getattr(m, name))
             raise NotConvergedError(
                 f"Newton's method stopped at a net force of {worst:.3g} of the bond forces, above "
-                f"{tolerance:.3g}, at load step {load} of {load_steps}; take more load_steps, or "
-                "hold the body where it can move freely."
+                f"{tolerance:.3g}, at {load:.2%} of the loads; hold the body where it can move "
+                "freely, take more load_steps, or a tolerance that rounding allows."
             )
+        _displace(step, np.zeros_like(_free(m), dtype=float), start)
+    return worst
+
+
+def _find_rest(
+    step: Step,
+    spacing: float,
+    colours: NDArray[np.int64],
+    tolerance: float,
+    max_iterations: int,
+    tell: Telling | None,
+) -> float:
+    """Newton's method under constant loads; the last residual."""
+    step.evaluate_forces()
+    for iteration in range(max_iterations + 1):
+        worst = residual(step, spacing)
+        if tell is not None:
+            tell(iteration, worst)
+        if worst <= tolerance or not np.isfinite(worst) or iteration == max_iterations:
+            break
+        _newton(step, spacing, colours)
     return worst
 
 
@@ -137,17 +157,54 @@ def tangent(step: Step, spacing: float):
     return _tangent(step, spacing, _colours(step.model))
 
 
+def natural_frequencies(step: Step, spacing: float, count: int) -> Array:
+    """Lowest angular frequencies [rad/s] of small motions about the current state of rest,
+    (count,) in order; negative ones stand for growing motions, exp(|omega| t)."""
+    from scipy.linalg import block_diag, eigh
+    from scipy.sparse import block_diag as sparse_diag
+    from scipy.sparse.linalg import eigsh
+
+    m = step.model
+    free = np.flatnonzero(_free(m))
+    if count < 1 or len(free) == 0:
+        raise InputError("nothing in this scene can move, or count is below 1.")
+    matrix = tangent(step, spacing)[free][:, free]
+    matrix = 0.5 * (matrix + matrix.T)
+    masses = _masses(m, step.download("orientation"))
+    if len(free) <= max(400, 3 * count):
+        whole = block_diag(*masses)[np.ix_(free, free)]
+        square = eigh(matrix.toarray(), whole, eigvals_only=True)[:count]
+    else:
+        whole = sparse_diag(list(masses), format="csc")[free][:, free]
+        # about a shift a little below zero, so that rigid motions do no harm
+        shift = -1e-6 * abs(matrix.diagonal() / whole.diagonal()).max()
+        square = eigsh(matrix.tocsc(), count, whole, sigma=shift, return_eigenvectors=False)
+    square = np.sort(square)
+    return np.sign(square) * np.sqrt(np.abs(square))
+
+
+def _masses(m: Model, orientation: Array) -> Array:
+    """Mass and inertia of every element about world axes, (n, d, d)."""
+    dim, spins = m.features.dim, 1 if m.features.dim == 2 else 3
+    blocks = np.zeros((m.elements, dim + spins, dim + spins))
+    blocks[:, range(dim), range(dim)] = m.mass[:, None]
+    if m.principal_moment is None or m.principal_axes is None:
+        blocks[:, range(dim, dim + spins), range(dim, dim + spins)] = m.inertia[:, None]
+        return blocks
+    from scipy.spatial.transform import Rotation
+
+    axes = (Rotation.from_quat(orientation) * Rotation.from_quat(m.principal_axes)).as_matrix()
+    blocks[:, dim:, dim:] = axes * m.principal_moment[:, None, :] @ np.swapaxes(axes, 1, 2)
+    return blocks
+
+
 def _newton(step: Step, spacing: float, colours: NDArray[np.int64]) -> None:
     from scipy.sparse.linalg import splu
 
     m = step.model
     dim = m.features.dim
     free = np.flatnonzero(_free(m))
-    force, torque = gathered(step)
-    for total, name in ((force, "external_force"), (torque, "external_torque")):
-        if name in step.arrays:
-            total += step.download(name)
-    net = np.concatenate([force, torque], axis=1).ravel()[free]
+    net = np.concatenate(_net(step), axis=1).ravel()[free]
     matrix = _tangent(step, spacing, colours)[free][:, free]
     # rows and columns of like size, so that the solver's pivots mean something
     scale = 1.0 / np.sqrt(np.maximum(np.abs(matrix.diagonal()), 1e-300))
@@ -184,12 +241,12 @@ def _tangent(step: Step, spacing: float, colours: NDArray[np.int64]):
         owner = moved[np.repeat(np.arange(len(moved)), np.diff(touched.indptr))]
         for axis in range(width):
             difference = np.zeros((n, width))
-            for sign in (1.0, -1.0):
+            for steps, weight in ((1.0, 8.0), (-1.0, -8.0), (2.0, -1.0), (-2.0, 1.0)):
                 change = np.zeros((n, width))
-                change[moved, axis] = sign * sizes[axis]
+                change[moved, axis] = steps * sizes[axis]
                 _displace(step, change, start)
-                difference -= sign * np.concatenate(gathered(step), axis=1)
-            block = difference[touched.indices] / (2.0 * sizes[axis])
+                difference -= weight * np.concatenate(gathered(step), axis=1)
+            block = difference[touched.indices] / (12.0 * sizes[axis])
             rows.append((touched.indices[:, None] * width + np.arange(width)).ravel())
             columns.append(np.repeat(owner * width + axis, width))
             values.append(block.ravel())

@@ -42,10 +42,13 @@ def space(dim: int, real: type) -> Laws:
         x = x * slowed * slowed
         sinc = real(1.0)
         cosine = real(1.0)
-        for n in range(7):
+        for n in range(6):
             sinc = real(1.0) - x * sinc * sinc_ratio[n]
             cosine = real(1.0) - x * cosine * cosine_ratio[n]
-        return laws.compose(h * sinc * slowed * w, cosine, q)
+        # sin(y)/y - 1 and cos(y) - 1 are never added to 1, whose rounding would bias float32
+        sinc = h * slowed * (real(1.0) - x * sinc * sinc_ratio[6])
+        less = -x * cosine * cosine_ratio[6]
+        return laws.turned(q, sinc * w, less)
 
     @wp.func
     def store_ends(
@@ -164,10 +167,11 @@ def _plane(real: type) -> Laws:
         return a * b
 
     @wp.func
-    def compose(p: spin, c: real, q: rot) -> rot:
-        """(p, c) q; a Newton step keeps the length at 1 without a root or a division."""
-        r = rot(p * q[1] + c * q[0], c * q[1] - p * q[0])
-        return (real(1.5) - real(0.5) * wp.dot(r, r)) * r
+    def turned(q: rot, p: spin, less: real) -> rot:
+        """(p, 1 + less) q; a Newton step keeps the length at 1 without a root or a division."""
+        d = rot(p * q[1] + less * q[0], less * q[1] - p * q[0])
+        excess = (wp.dot(q, q) - real(1.0)) + (real(2.0) * wp.dot(q, d) + wp.dot(d, d))
+        return q + (d - real(0.5) * excess * q)
 
     @wp.func
     def embed(v: vec) -> vec3:
@@ -230,7 +234,7 @@ def _plane(real: type) -> Laws:
         scalar=scalar,
         spin_squared=spin_squared,
         spin_dot=spin_dot,
-        compose=compose,
+        turned=turned,
         embed=embed,
         load=load,
         store=store,
@@ -291,10 +295,11 @@ def _solid(real: type) -> Laws:
         return wp.dot(a, b)
 
     @wp.func
-    def compose(p: spin, c: real, q: rot) -> rot:
-        """(p, c) q; a Newton step keeps the length at 1 without a root or a division."""
-        r = rot(p[0], p[1], p[2], c) * q
-        return (real(1.5) - real(0.5) * wp.dot(r, r)) * r
+    def turned(q: rot, p: spin, less: real) -> rot:
+        """(p, 1 + less) q; a Newton step keeps the length at 1 without a root or a division."""
+        d = rot(p[0], p[1], p[2], less) * q
+        excess = (wp.dot(q, q) - real(1.0)) + (real(2.0) * wp.dot(q, d) + wp.dot(d, d))
+        return q + (d - real(0.5) * excess * q)
 
     @wp.func
     def embed(v: vec) -> vec:
@@ -355,7 +360,7 @@ def _solid(real: type) -> Laws:
         scalar=scalar,
         spin_squared=spin_squared,
         spin_dot=spin_dot,
-        compose=compose,
+        turned=turned,
         embed=embed,
         load=load,
         store=store,

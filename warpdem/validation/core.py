@@ -25,13 +25,20 @@ POISSON = (0.0, 0.2, 0.3, 0.45)
 # -- pairs ----------------------------------------------------------------------------------------
 
 
-class _Pairs:
+class Pairs:
     """Many separate EVM pairs in one simulation, in random directions, at R = 0 or R > 0.
 
     B_1..B_4 are taken as they come, of any sign.
     """
 
-    def __init__(self, count: int, dim: int, offset: bool, precision: str = "float64") -> None:
+    def __init__(
+        self,
+        count: int,
+        dim: int,
+        offset: bool,
+        precision: str = "float64",
+        large_rotation: bool = False,
+    ) -> None:
         rng = self.rng = np.random.default_rng(7 + dim + 10 * offset)
         self.dim = dim
         e = rng.normal(size=(count, dim))
@@ -46,7 +53,8 @@ class _Pairs:
         body = packing.network(position, bonds, 1.0, plane=None if dim == 3 else "strain")
         self.b = rng.normal(size=(count, 4))
         scene = Scene()
-        scene.add(body, Material(1.0, 0.0, 1.0), bond=EVMBond(1.0, 1.0, 1.0, 1.0, self.ends))
+        bond = EVMBond(1.0, 1.0, 1.0, 1.0, self.ends, large_rotation=large_rotation)
+        scene.add(body, Material(1.0, 0.0, 1.0), bond=bond)
         self.sim = Simulation(scene, precision=precision, dt=1.0, force_dt=True)
         self.sim._step.upload("evm_stiffness", self.b)
 
@@ -107,7 +115,7 @@ def turned(orientation: Array, axis: int, angle: float, which: slice) -> Array:
 def evm_law() -> Iterator[Measurement]:
     """EVM force and torques against literal eqs 2-3, and against differences of the energy."""
     for dim, offset in product((2, 3), (False, True)):
-        pairs = _Pairs(300, dim, offset)
+        pairs = Pairs(300, dim, offset)
         pairs.randomise(0.3)
         where = f"{'space' if dim == 3 else 'plane'}, R {'> 0' if offset else '= 0'}"
         energy, *exact = pairs.literal()
@@ -127,12 +135,12 @@ def evm_law() -> Iterator[Measurement]:
         yield vanishing(
             f"force, torques against -dU, {where}",
             "central differences",
-            _pair_differences(pairs),
+            pair_differences(pairs),
             1e-7,
         )
 
 
-def _pair_differences(pairs: _Pairs) -> float:
+def pair_differences(pairs: Pairs) -> float:
     """Greatest difference between forces and central differences of the energy, over scale."""
     measured = pairs.measured()
     u, q, h = pairs.displacement, pairs.orientation, 1e-5
@@ -168,7 +176,7 @@ def evm_benchmarks() -> Iterator[Measurement]:
 
 
 def _benchmark_errors(precision: str) -> dict[str, float]:
-    pairs = _Pairs(200, 3, offset=False, precision=precision)
+    pairs = Pairs(200, 3, offset=False, precision=precision)
     if precision == "float32":
         # the closed forms are taken at the numbers that the device holds
         for name, value in (
