@@ -176,8 +176,8 @@ class Simulation:
     ) -> float:
         """Bring the scene to rest by Newton's method with a sparse solver on the host, in float64.
 
-        For slender bodies and exact answers; outer loads grow in steps of 1/load_steps, halved where
-        the method does not converge in max_iterations. The rest as `relax`.
+        For slender bodies and exact answers; outer loads grow in steps of 1/load_steps, halved
+        where the method does not converge in max_iterations. The rest as `relax`.
         """
         self._step.synchronise()
         found = equilibrate(self._step, self._spacing, tolerance, max_iterations, load_steps, tell)

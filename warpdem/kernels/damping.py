@@ -45,6 +45,7 @@ def evm_dashpots(s: Laws, k: Laws, simd: bool = True):
     momentum is kept.
     """
     kinematics, law, real = evm_kinematics(s, k), dashpot(s), s.real
+    vec4 = wp.types.vector(4, s.real)
 
     def evm_dashpots(
         # model
@@ -88,7 +89,7 @@ def evm_dashpots(s: Laws, k: Laws, simd: bool = True):
         wj = s.load_spin(angular_velocity, j)
         slip = s.load(velocity, j) + s.rotate(wj, arm_j)
         slip -= s.load(velocity, i) + s.rotate(wi, arm_i)
-        eta = wp.types.vector(4, real)(
+        eta = vec4(
             evm_dashpot[nn(4 * c)],
             evm_dashpot[nn(4 * c + 1)],
             evm_dashpot[nn(4 * c + 2)],

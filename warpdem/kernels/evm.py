@@ -84,12 +84,12 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
     while rotations are small, linear in its angles up to pi.
     """
     real, vec4, measure = s.real, wp.types.vector(4, s.real), measures(s)
-    angle = angles(s)
+    angle, shortest = angles(s), s.real(CRUSHED)
 
     @wp.func
     def stretch(stiffness: real, x: measure) -> real:
         """c g^2/2 [J]. A crushed bond pulls by c g D/(CRUSHED a), which is zero where D is."""
-        rest = x.length / real(CRUSHED)
+        rest = x.length / shortest
         d = rest + x.elongation
         crushed = (d * d * d - x.length * x.length * x.length) / (real(3.0) * x.length)
         crushed -= real(0.5) * rest * (d * d - x.length * x.length) / x.length
@@ -166,7 +166,7 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
 def evm_kinematics(s: Laws, k: Laws) -> Laws:
     """Deformation measures of a bond, differenced in the precision of k, returned in that of s."""
     real, narrowed, narrowed_spin = s.real, narrow(s, k), narrow_spin(s, k)
-    measure = measures(s)
+    measure, loss = measures(s), k.real(CRUSHED - 1.0)
 
     @wp.func
     def load_measures(
@@ -196,14 +196,14 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
         du = k.load(displacement, j) - k.load(displacement, i)
         delta = du - evm_offset[nn(2 * c)] * xi - evm_offset[nn(2 * c + 1)] * xj
         g = wp.dot(k.real(2.0) * a * e0 + delta, delta) / (wp.length(a * e0 + delta) + a)
-        shortest = k.real(CRUSHED - 1.0) * a
-        length = a + wp.max(g, shortest)
-        dd = (delta - wp.max(g, shortest) * e0) / length
+        shortening = wp.max(g, loss * a)
+        length = a + shortening
+        dd = (delta - shortening * e0) / length
         turned = k.relative(qi, qj)
         x = measure()
         x.elongation = real(g)
         x.length = real(length)
-        x.whole = wp.where(g < shortest, real(0.0), real(1.0))
+        x.whole = wp.where(g < loss * a, real(0.0), real(1.0))
         x.p = narrowed(e0 + xi)
         x.m = narrowed(e0 + xj)
         x.bend_i = narrowed(xi - dd)

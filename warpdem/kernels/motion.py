@@ -90,7 +90,7 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
         i: int, principal_axes: wp.array(dtype=place), orientation: wp.array(dtype=place)
     ) -> rot:
         """Rotation from the principal axes to the world."""
-        return k.load_rot(orientation, i) * k.load_rot(principal_axes, i)
+        return wp.normalize(k.load_rot(orientation, i) * k.load_rot(principal_axes, i))
 
     @wp.func
     def spun_about(
@@ -142,9 +142,10 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
         """Turn an element freely for dt; its spin then."""
         own = k.load_rot(principal_axes, i)
         moment = widened_spin(s.load(principal_moment, i))
-        q = k.load_rot(orientation, i) * own
+        q = axes_of(i, principal_axes, orientation)
         start = widened_spin(w)
         momentum = wp.cw_mul(moment, wp.quat_rotate_inv(q, start))
+        size = wp.dot(momentum, momentum)
         x = vec(place(1.0), place(0.0), place(0.0))
         y = vec(place(0.0), place(1.0), place(0.0))
         z = vec(place(0.0), place(0.0), place(1.0))
@@ -154,8 +155,13 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
         q, momentum = turn_about(z, q, momentum, moment[2], dt)
         q, momentum = turn_about(y, q, momentum, moment[1], half)
         q, momentum = turn_about(x, q, momentum, moment[0], half)
-        after = wp.quat_rotate(q, wp.cw_div(momentum, moment))
         turned = wp.normalize(q * wp.quat_inverse(own))
+        q = wp.normalize(turned * own)
+        after = wp.quat_rotate(q, wp.cw_div(momentum, moment))
+        # as the next step will find it: else one rounding a step, always the same way, adds up
+        momentum = wp.cw_mul(moment, wp.quat_rotate_inv(q, after))
+        lost = (size - wp.dot(momentum, momentum)) / wp.max(size, place(1.0e-30))
+        after = after + place(0.5) * lost * after
         if inverse_inertia[i] == real(0.0):  # a grip turns at its own constant rate
             turned = k.rotate_by(k.load_rot(orientation, i), start, dt)
             after = start

@@ -59,10 +59,12 @@ class Pairs:
         self.sim._step.upload("evm_stiffness", self.b)
 
     def set_state(self, displacement: Array, orientation: Array) -> None:
+        """Places and orientations of all elements."""
         self.displacement, self.orientation = displacement, orientation
         self.sim.set_state(displacement=displacement, orientation=orientation)
 
     def randomise(self, size: float) -> None:
+        """Displacements of about `size` and any orientations."""
         n = len(self.sim.displacement)
         u = size * self.rng.normal(size=(n, self.dim))
         self.set_state(u, random_orientation(self.rng, n, self.dim))
