@@ -15,6 +15,7 @@ from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
 
 if TYPE_CHECKING:
+    from .write.structure import draw_structure
     from .write.usd import UsdWriter
 
 __version__ = "0.1.0"
@@ -44,6 +45,7 @@ __all__ = [
     "Tube",
     "UsdWriter",
     "calibrate",
+    "draw_structure",
     "experiments",
     "lattice_bond",
     "lattice_moduli",
@@ -53,8 +55,13 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    if name == "UsdWriter":  # loads USD, which takes half a second, only where it is asked for
+    # these load USD and matplotlib, which takes a second, only where they are asked for
+    if name == "UsdWriter":
         from .write.usd import UsdWriter
 
         return UsdWriter
+    if name == "draw_structure":
+        from .write.structure import draw_structure
+
+        return draw_structure
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

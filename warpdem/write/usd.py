@@ -23,9 +23,10 @@ FRAMES_PER_SECOND = 24.0
 class UsdWriter:
     """Writes a frame every `every` steps; the file appears when the run is over.
 
-    Elements are one `UsdGeom.Points`, /World/elements, with widths, ids and the fields velocity
-    [m/s], mean_stress [Pa], von_mises [Pa] and damage as primvars; broken bonds are linear curves,
-    /World/broken_bonds. Lengths are in metres, z is up, a plane scene lies at z = 0. One time code
+    Elements are one `UsdGeom.Points`, /World/elements, with widths, ids (the packing's) and the
+    fields velocity [m/s], mean_stress [Pa], von_mises [Pa] and damage as primvars; broken bonds are
+    linear curves, /World/broken_bonds, and so are the linked bonds of bodies without faces,
+    /World/bonds. Lengths are in metres, z is up, a plane scene lies at z = 0. One time code
     is one frame; the simulated time [s] of each is the attribute `warpdem:time` of /World.
 
     color: the field shown as displayColor, scaled by its values in the first frame that has any.
@@ -48,7 +49,10 @@ class UsdWriter:
         stage.GetDefaultPrim().GetAttribute("warpdem:time").Set(sim.time, time)
         place = _in_space(sim.position)
         self._write_elements(sim, place, time)
-        self._write_broken(sim, place, time)
+        pairs, linked = sim.bonds, sim.linked
+        self._write_curves(self._broken, place[pairs[~linked]], time)
+        if self._rods.any():
+            self._write_curves(self._bonds, place[pairs[linked & self._rods]], time)
         stage.SetEndTimeCode(self._frame)
         self._frame += 1
 
@@ -75,7 +79,7 @@ class UsdWriter:
         points = UsdGeom.Points.Define(stage, "/World/elements")
         points.CreateWidthsAttr(Vt.FloatArray.FromNumpy(self._width.astype(np.float32)))
         points.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
-        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(np.arange(len(self._width))))
+        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(_ids(packings)))
         api = UsdGeom.PrimvarsAPI(points)
         kinds = {"velocity": Sdf.ValueTypeNames.Vector3fArray}
         self._primvars = {
@@ -87,14 +91,23 @@ class UsdWriter:
         self._points = points
         self._colors = points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
 
-        curves = UsdGeom.BasisCurves.Define(stage, "/World/broken_bonds")
-        curves.CreateTypeAttr(UsdGeom.Tokens.linear)
-        curves.CreateWidthsAttr([float(0.2 * self._width.mean())])
-        curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
-        curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(0.85, 0.1, 0.1)])
-        self._curves = curves
+        faceless = [np.full(len(p), p.area is None) for p in packings]
+        self._rods = np.concatenate(faceless)[sim.bonds[:, 0]]
+        self._broken = self._define_curves(stage, "broken_bonds", 0.2, (0.85, 0.1, 0.1))
+        if self._rods.any():
+            self._bonds = self._define_curves(stage, "bonds", 0.3, (0.5, 0.5, 0.55))
         self._stage = stage
         return stage
+
+    def _define_curves(
+        self, stage: Usd.Stage, name: str, share: float, color: tuple[float, float, float]
+    ) -> UsdGeom.BasisCurves:
+        curves = UsdGeom.BasisCurves.Define(stage, f"/World/{name}")
+        curves.CreateTypeAttr(UsdGeom.Tokens.linear)
+        curves.CreateWidthsAttr([float(share * self._width.mean())])
+        curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
+        curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*color)])
+        return curves
 
     def _write_elements(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
         stress = sim.stress
@@ -118,13 +131,19 @@ class UsdWriter:
         share = shown / self._range if self._range > 0.0 else np.zeros_like(shown)
         self._colors.Set(_vectors(colormaps["viridis"](np.clip(share, 0, 1))[:, :3]), time)
 
-    def _write_broken(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
-        ends = place[sim.bonds[~sim.linked]].reshape(-1, 3)
-        self._curves.GetPointsAttr().Set(_vectors(ends), time)
-        counts = np.full(len(ends) // 2, 2, dtype=np.int32)
-        self._curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), time)
-        width = np.full(len(ends), 0.2 * self._width.mean())
-        self._curves.GetExtentAttr().Set(_extent(ends, width), time)
+    def _write_curves(self, curves: UsdGeom.BasisCurves, ends: Array, time: Usd.TimeCode) -> None:
+        """Straight pieces from `ends` (b, 2, 3)."""
+        curves.GetPointsAttr().Set(_vectors(ends), time)
+        counts = np.full(len(ends), 2, dtype=np.int32)
+        curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), time)
+        width = np.full(2 * len(ends), curves.GetWidthsAttr().Get()[0])
+        curves.GetExtentAttr().Set(_extent(ends.reshape(-1, 3), width), time)
+
+
+def _ids(packings: list) -> NDArray[np.int64]:
+    """The packings' own ids, or the order of elements where these clash."""
+    ids = np.concatenate([p.ids for p in packings])
+    return ids if len(np.unique(ids)) == len(ids) else np.arange(len(ids))
 
 
 def _in_space(v: Array) -> Array:
