@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 import warpdem as wd
 from warpdem.write.record import describe_machine
-from warpdem.write.whole import write_json
+from warpdem.write.whole import write_json, write_text
 
 Array = NDArray[np.float64]
 
@@ -372,6 +372,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=STEPS, help="most steps of any run")
     parser.add_argument("--no-lammps", action="store_true", help="run warpdem alone")
     parser.add_argument("--output", type=Path, default=Path(__file__).with_suffix(".json"))
+    parser.add_argument("--page", type=Path, help="also write the tables into a Markdown page")
     options = parser.parse_args()
     if options.steps < LEAST:
         parser.error(f"--steps is {options.steps}; means of less than {LEAST} steps say nothing.")
@@ -390,8 +391,35 @@ def main() -> None:
         for code, (run, outcome) in (peer | own).items():
             record = {"case": name, "code": code, "dt": case.dt, "outcome": outcome}
             runs.append(record | summary(case, run, exact, shared))
-    write_json(options.output, {"machine": machine(lammps), "measures": MEASURES, "runs": runs})
-    print(table(runs, ENERGY), table([r for r in runs if "misfit" in r], SHAPE), sep="\n\n")
+    about = machine(lammps)
+    write_json(options.output, {"machine": about, "measures": MEASURES, "runs": runs})
+    energy, shape = table(runs, ENERGY), table([r for r in runs if "misfit" in r], SHAPE)
+    print(energy, shape, sep="\n\n")
+    if options.page is not None:
+        write_text(options.page, page(about, energy, shape))
+
+
+def page(about: dict[str, Any], energy: str, shape: str) -> str:
+    lines = [
+        "# Energy and shape over a million steps",
+        "",
+        "Written by `python benchmarks/energy_peers.py --page docs/long_runs.md`; the numbers are",
+        "kept in [energy_peers.json](../benchmarks/energy_peers.json). "
+        + " ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        "",
+        energy,
+        "",
+        "Shape of the beams as they turn, some 400 turns in 1e6 steps. Misfit is the greatest rms",
+        "distance, in spacings, from the float64 run at the same time after the best rigid motion;",
+        "of the nonlinear spinbig it is a difference of phase between modes, which grows from any",
+        "rounding.",
+        "",
+        shape,
+        "",
+        f"Machine: {about['processor']}, {about['cores']} cores; measured {about['date']}.",
+        "",
+    ]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,15 @@ def test_readme_script(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "crack.usd").is_file()
 
 
+def test_rods_script(tmp_path, monkeypatch, capsys):
+    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "rods.md").read_text(), re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "rods.md", "exec"), {})
+    stiffness = float(capsys.readouterr().out.split()[0])
+    # G d^4/(8 D^3 n), close-coiled
+    assert stiffness == pytest.approx(210e9 / 2.6 * 1e-12 / (8 * 8e-6 * 8), rel=0.03)
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name
 )
