@@ -28,6 +28,7 @@ class Features:
     has_volume: bool
     external: tuple[bool, bool]  # whether forces, whether torques act from outside
     has_work: bool
+    has_bending: bool  # some facets resist bending and twist
     has_moments: bool  # some elements have three principal moments of inertia
     has_dashpots: bool
     large_rotation: bool
@@ -71,6 +72,7 @@ class Model:
     bond_area: Array | None = None
     bond_arm: Array | None = None  # (2 b + 2, dim), or (b + 1, dim) if faces are central
     facet_stiffness: Array | None = None  # k = 2 G S / r0
+    facet_bending: Array | None = None  # (f, 2): c_B, c_T of each face (theory B9)
     evm_direction: Array | None = None
     evm_length: Array | None = None
     evm_offset: Array | None = None
@@ -91,6 +93,10 @@ class Model:
     near_bonds: Ids | None = None  # all bonds of the listed elements
     near_elements: Ids | None = None  # all elements of the near bonds
     near_facets: int = 0  # near bonds that are facet bonds, stored first
+    # Between unlike elements a face is a node, an element without turning, with a bond to each: the
+    # bond's own and one stored after all other facet bonds.
+    nodes: int = 0  # stored after all other elements
+    node_bonds: Ids | None = None  # (nodes,) the bonds of such faces
 
     @property
     def elements(self) -> int:
@@ -101,6 +107,29 @@ class Model:
     def bonds(self) -> int:
         """Number of bonds."""
         return self.facet_bonds + self.evm_bonds
+
+    @property
+    def own_elements(self) -> int:
+        """Number of elements that the scene's packings have: all but nodes."""
+        return self.elements - self.nodes
+
+    @property
+    def own_bonds(self) -> NDArray[np.int64]:
+        """Bonds that the scene's packings have: all but the second ones of nodes."""
+        return np.delete(np.arange(self.bonds), self.second_bonds)
+
+    @property
+    def second_bonds(self) -> slice:
+        """The bonds on the far sides of nodes."""
+        return slice(self.facet_bonds - self.nodes, self.facet_bonds)
+
+    @property
+    def own_pairs(self) -> NDArray[np.int64]:
+        """Elements that the packings' bonds join, (b, 2)."""
+        j = self.bond_j.astype(np.int64)
+        if self.node_bonds is not None:
+            j[self.node_bonds] = self.bond_j[self.second_bonds]
+        return np.stack([self.bond_i, j], axis=1)[self.own_bonds].astype(np.int64)
 
     def arrays(self) -> dict[str, NDArray]:
         """The arrays that exist, by name."""
@@ -118,13 +147,20 @@ def state_arrays(
     f, n, b = model.features, model.elements, model.bonds
     bodies = scene.bodies
     spins, rot = (1, 2) if f.dim == 2 else (3, 4)
-    orientation = np.zeros((n, rot))
+    orientation = np.zeros((model.own_elements, rot))
     orientation[:, -1] = 1.0
+    places = np.concatenate([x.displacement for x in bodies]), orientation
+    speeds = tuple(
+        np.concatenate([getattr(x, name) for x in bodies])
+        for name in ("velocity", "angular_velocity")
+    )
+    displacement, orientation = with_nodes(model, *places)
+    velocity, angular_velocity = with_moving_nodes(model, *speeds)
     state: dict[str, NDArray] = {
-        "displacement": np.concatenate([x.displacement for x in bodies]),
+        "displacement": displacement,
         "orientation": orientation,
-        "velocity": np.concatenate([x.velocity for x in bodies]),
-        "angular_velocity": np.concatenate([x.angular_velocity for x in bodies]),
+        "velocity": velocity,
+        "angular_velocity": angular_velocity,
         "end_force": np.zeros((f.slots * n, f.dim)),
         "end_torque": np.zeros((f.slots * n, spins)),
     }
@@ -132,9 +168,12 @@ def state_arrays(
         state["element_work"] = np.zeros(n)
     linked = np.zeros(b + 1)
     present = np.concatenate([x.linked for x in in_bond_order(bodies)])
+    present = np.insert(present, [model.facet_bonds - model.nodes] * model.nodes, True)
     linked[:b] = present if linked_bonds is None else linked_bonds
     if model.facet_stiffness is not None:
         state["facet_stiffness"] = model.facet_stiffness * linked[: model.facet_bonds]
+    if model.facet_bending is not None:
+        state["facet_bending"] = model.facet_bending * linked[: model.facet_bonds, None]
     if model.evm_dashpot is not None:
         state["evm_dashpot"] = model.evm_dashpot * linked[model.facet_bonds : -1, None]
         state["damping_force"] = np.zeros((f.slots * n, f.dim))
@@ -167,6 +206,63 @@ def state_arrays(
         if f.has_volume:
             state["element_release"] = np.zeros(n)
     return state
+
+
+def with_nodes(model: Model, displacement: Array, orientation: Array) -> tuple[Array, Array]:
+    """Displacement and orientation of the packings' elements, and of nodes between them."""
+    if model.node_bonds is None:
+        return displacement, orientation
+    points = []
+    for element, arm in _node_sides(model):
+        q = orientation[element]
+        if model.features.dim == 2:
+            s, c = 2.0 * q[:, 0] * q[:, 0], 2.0 * q[:, 0] * q[:, 1]
+            turn = np.stack([-s * arm[:, 0] - c * arm[:, 1], c * arm[:, 0] - s * arm[:, 1]], axis=1)
+        else:
+            cross = np.cross(q[:, :3], arm)
+            turn = 2.0 * np.cross(q[:, :3], q[:, 3:] * arm + cross)
+        points.append(displacement[element] + turn)
+    rest = np.zeros((model.nodes, orientation.shape[1]))
+    rest[:, -1] = 1.0
+    nodes = _between(model, points)
+    return np.concatenate([displacement, nodes]), np.concatenate([orientation, rest])
+
+
+def with_moving_nodes(
+    model: Model, velocity: Array, angular_velocity: Array
+) -> tuple[Array, Array]:
+    """Velocity and spin of the packings' elements, and of nodes between them."""
+    if model.node_bonds is None:
+        return velocity, angular_velocity
+    points = []
+    for element, arm in _node_sides(model):
+        w = angular_velocity[element]
+        if model.features.dim == 2:
+            turn = w * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        else:
+            turn = np.cross(w, arm)
+        points.append(velocity[element] + turn)
+    still = np.zeros((model.nodes, angular_velocity.shape[1]))
+    nodes = _between(model, points)
+    return np.concatenate([velocity, nodes]), np.concatenate([angular_velocity, still])
+
+
+def _node_sides(model: Model) -> list[tuple[Ids, Array]]:
+    """The element on each side of every node, and the arm from its centre."""
+    ends, second = bond_ends(model), model.second_bonds
+    return [
+        (model.bond_i[model.node_bonds], ends[model.node_bonds, 0]),
+        (model.bond_j[second], ends[second, 1]),
+    ]
+
+
+def _between(model: Model, points: list[Array]) -> Array:
+    """Mean of both sides' points, each weighted with its stiffness."""
+    assert model.facet_stiffness is not None
+    stiffness = model.facet_stiffness
+    weight = stiffness[model.node_bonds], stiffness[model.second_bonds]
+    share = (weight[0] / (weight[0] + weight[1]))[:, None]
+    return share * points[0] + (1.0 - share) * points[1]
 
 
 def in_bond_order(bodies: list[Body]) -> list[Body]:
@@ -212,54 +308,44 @@ def build(scene: Scene) -> Model:
     dim = packing.dim
     sizes = [len(b.packing) for b in bodies]
     starts = dict(zip(map(id, bodies), np.cumsum([0, *sizes]), strict=False))
-    position = np.concatenate([b.packing.position for b in bodies])
-    n = len(position)
     stored = in_bond_order(bodies)
     pairs = np.concatenate([b.packing.bonds + starts[id(b)] for b in stored])
     counts = [len(b.packing.bonds) for b in stored]
     is_evm = [isinstance(b.bond, EVMBond) for b in stored]
     facet_bonds = sum(c for c, e in zip(counts, is_evm, strict=True) if not e)
-    bonds = len(pairs)
+    each = _elements(bodies, dim)
+    faces = _Faces(stored, dim)
+    node_bonds = _unlike(stored, pairs[:facet_bonds], each)
+    if len(node_bonds):
+        pairs = _put_nodes(node_bonds, pairs, facet_bonds, each, faces)
+        facet_bonds += len(node_bonds)
+    n, bonds = len(each["position"]), len(pairs)
     incidence = _incidence(pairs, n)
-
-    def over_bodies(value) -> Array:
-        return np.concatenate([np.broadcast_to(value(b), len(b.packing)) for b in bodies])
-
-    volume = np.concatenate([b.packing.volume for b in bodies])
-    radius = np.concatenate([b.packing.radius for b in bodies])
-    mass = volume * over_bodies(lambda b: b.material.density)
-    inertia = (0.5 if dim == 2 else 0.4) * mass * radius**2
-    moments, axes = _principal(bodies, mass, inertia)
-    if moments is not None:
-        inertia = moments.mean(axis=1)
-    held = np.concatenate([b.held for b in bodies])
-    held_rotation = np.concatenate([b.held_rotation for b in bodies])
-    velocity = np.concatenate([b.velocity for b in bodies])
-    angular_velocity = np.concatenate([b.angular_velocity for b in bodies])
-    force = np.concatenate([b.force for b in bodies])
-    torque = np.concatenate([b.torque for b in bodies])
-    grips = (held & (velocity != 0.0)).any() | (
-        held_rotation[:, None] & (angular_velocity != 0.0)
-    ).any()
+    mass, held, held_rotation = each["mass"], each["held"] > 0.0, each["held_rotation"] > 0.0
+    moments, axes = _principal(bodies, mass, each["inertia"])
+    inertia = each["inertia"] if moments is None else moments.mean(axis=1)
+    turning = held_rotation[:, None] & (each["angular_velocity"] != 0.0)
+    unlinked = [~b.linked | b.breakable for b in stored]
     evm = [b.bond for b in bodies if isinstance(b.bond, EVMBond)]
     if len({b.large_rotation for b in evm}) > 1:
         raise InputError("all EVM bonds of a scene take large_rotation, or none does.")
-    unlinked = [~b.linked | b.breakable for b in stored]
+    has_torque = bool(each["torque"].any())
     features = Features(
         dim=dim,
         plane_strain=packing.plane == "strain",
         has_volume=any(b.has_volume for b in bodies),
-        external=(bool(force.any()), bool(torque.any())),
-        has_work=bool(grips or torque.any()),
+        external=(bool(each["force"].any()), has_torque),
+        has_work=bool((held & (each["velocity"] != 0.0)).any() or turning.any() or has_torque),
+        has_bending=any(b.facet_bending for b in bodies),
         has_moments=moments is not None,
         has_dashpots=any(b.damping > 0.0 for b in evm),
         large_rotation=any(b.large_rotation for b in evm),
         slots=len(incidence),
-        central=_is_central(bodies),
+        central=faces.is_central,
     )
     model = Model(
         features=features,
-        position=position,
+        position=each["position"],
         facet_bonds=facet_bonds,
         evm_bonds=bonds - facet_bonds,
         criteria=(),
@@ -268,23 +354,142 @@ def build(scene: Scene) -> Model:
         inertia=inertia,
         inverse_mass=np.where(held, 0.0, 1.0 / mass[:, None]),
         inverse_inertia=np.where(held_rotation, 0.0, 1.0 / inertia),
-        element_volume=volume,
+        element_volume=each["volume"],
         incidence=incidence,
         bond_place=np.argsort(incidence, axis=None, kind="stable")[: 2 * bonds].astype(np.int32),
         bond_i=pairs[:, 0].astype(np.int32),
         bond_j=pairs[:, 1].astype(np.int32),
-        external_force=force if features.external[0] else None,
-        external_torque=torque if features.external[1] else None,
+        external_force=each["force"] if features.external[0] else None,
+        external_torque=each["torque"] if features.external[1] else None,
         principal_moment=moments,
         principal_axes=axes,
+        nodes=len(node_bonds),
+        node_bonds=node_bonds.astype(np.int32) if len(node_bonds) else None,
     )
-    _add_faces(model, stored)
-    _add_laws(model, stored)
+    if faces.any:
+        model.bond_area = faces.area
+        model.bond_arm = faces.arm[:, 0] if features.central else faces.arm.reshape(-1, dim)
+    _add_laws(model, stored, each["two_shear"], faces)
     if features.has_volume:
-        _add_volume(model, stored, over_bodies)
+        _add_volume(model, stored, each, faces)
     if any(mask.any() for mask in unlinked):
-        _add_lists(model, stored, unlinked)
+        _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
     return model
+
+
+def _elements(bodies: list[Body], dim: int) -> dict[str, Array]:
+    """Arrays over the elements of all bodies, in float64."""
+
+    def joined(value) -> Array:
+        return np.concatenate([np.asarray(value(b), dtype=np.float64) for b in bodies])
+
+    each = {
+        "position": joined(lambda b: b.packing.position),
+        "volume": joined(lambda b: b.packing.volume),
+        "mass": joined(lambda b: b.packing.volume * b.density),
+        "two_shear": joined(lambda b: 2.0 * b.shear_modulus),
+        "coupling": joined(lambda b: b.coupling),
+        "pressure_modulus": joined(lambda b: b.pressure_modulus),
+    }
+    for name in ("held", "held_rotation", "velocity", "angular_velocity", "force", "torque"):
+        each[name] = joined(lambda b, name=name: getattr(b, name))
+    radius = joined(lambda b: b.packing.radius)
+    each["inertia"] = (0.5 if dim == 2 else 0.4) * each["mass"] * radius**2
+    return each
+
+
+class _Faces:
+    """Faces of all bonds: area (b,), arm (b + 1, 2, dim) and distance (b, 2) from both centres.
+
+    A bond without a face has area and distances 1, which nothing is divided by, and no arms.
+    """
+
+    def __init__(self, stored: list[Body], dim: int) -> None:
+        bonds = sum(len(b.packing.bonds) for b in stored)
+        self.area, self.distance = np.ones(bonds), np.ones((bonds, 2))
+        self.arm = np.zeros((bonds + 1, 2, dim))
+        at = 0
+        for body in stored:
+            p = body.packing
+            here = slice(at, at := at + len(p.bonds))
+            if p.area is not None and p.arms is not None:
+                self.area[here], self.arm[here] = p.area, p.arms
+                along = np.einsum("bsk,bk->bs", p.arms, p.bond_vector)
+                self.distance[here] = along * [1.0, -1.0] / p.bond_length[:, None]
+        self.any = any(b.packing.area is not None for b in stored)
+
+    @property
+    def is_central(self) -> bool:
+        """Whether each face is in the middle of its bond."""
+        size = np.abs(self.arm).max(initial=0.0)
+        return bool(np.abs(self.arm.sum(axis=1)).max(initial=0.0) <= 1e-12 * size)
+
+    @property
+    def length(self) -> Array:
+        """Distance of the centres, or of a centre and a node (b,)."""
+        return self.distance.sum(axis=1)
+
+
+def _unlike(
+    stored: list[Body], pairs: NDArray[np.int64], each: dict[str, Array]
+) -> NDArray[np.int64]:
+    """Linked facet bonds between elements of unlike stiffness (theory B4)."""
+    linked = [b.linked for b in stored if not isinstance(b.bond, EVMBond)]
+    can_break = [b.breakable for b in stored if not isinstance(b.bond, EVMBond)]
+    differ = np.zeros(len(pairs), dtype=bool)
+    for name in ("two_shear", "coupling"):
+        x = each[name][pairs]
+        differ |= np.abs(x[:, 0] - x[:, 1]) > 1e-12 * np.abs(x).max(axis=1)
+    differ &= np.concatenate([*linked, np.zeros(0, dtype=bool)])
+    bad = differ & np.concatenate([*can_break, np.zeros(0, dtype=bool)])
+    if bad.any():
+        raise InputError(
+            f"bonds {first_ids(bad)} join unlike materials and may break; give them an infinite "
+            "strength (scene.set_strength), or the whole body one material."
+        )
+    return np.flatnonzero(differ)
+
+
+def _put_nodes(
+    node_bonds: NDArray[np.int64],
+    pairs: NDArray[np.int64],
+    facet_bonds: int,
+    each: dict[str, Array],
+    faces: _Faces,
+) -> NDArray[np.int64]:
+    """Put a node on each of these faces; the new pairs.
+
+    A node takes the share 1/(2 z) of the mass of an element of z bonds, so that it vibrates no
+    faster than elements do. It does not turn, and has no volume energy.
+    """
+    n, m = len(each["position"]), len(node_bonds)
+    i, j = pairs[node_bonds].T
+    share = 0.5 / np.maximum(np.bincount(pairs.ravel(), minlength=n), 1)
+    given = (share * each["mass"])[pairs[node_bonds]]
+    position = each["position"][i] + faces.arm[node_bonds, 0]
+    mass = each["mass"] - np.bincount(pairs[node_bonds].ravel(), given.ravel(), minlength=n)
+    own = {
+        "position": position,
+        "mass": given.sum(axis=1),
+        "volume": np.ones(m),
+        "inertia": np.ones(m),
+        "held_rotation": np.ones(m),
+        "velocity": 0.5 * (each["velocity"][i] + each["velocity"][j]),
+    }
+    each["mass"] = mass
+    for name, value in each.items():
+        each[name] = np.concatenate([value, own.get(name, np.zeros((m, *value.shape[1:])))])
+    node = np.arange(n, n + m)
+    pairs[node_bonds, 1] = node
+    second = np.stack([node, j], axis=1)
+    # arms and distances of the halves: those of the element, and none of the node
+    arm, distance = faces.arm[node_bonds].copy(), faces.distance[node_bonds].copy()
+    faces.arm[node_bonds, 1] = 0.0
+    faces.distance[node_bonds, 1] = 0.0
+    arm[:, 0], distance[:, 0] = 0.0, 0.0
+    for name, value in (("area", faces.area[node_bonds]), ("arm", arm), ("distance", distance)):
+        setattr(faces, name, np.insert(getattr(faces, name), [facet_bonds] * m, value, axis=0))
+    return np.insert(pairs, [facet_bonds] * m, second, axis=0)
 
 
 def _incidence(pairs: NDArray[np.int64], n: int) -> Ids:
@@ -328,39 +533,50 @@ def inverse_inertia_root(model: Model) -> Array:
     return turn * (free / np.sqrt(model.principal_moment))[:, None, :] @ np.swapaxes(turn, 1, 2)
 
 
-def _add_faces(model: Model, stored: list[Body]) -> None:
-    """Arms and areas, if any body has faces that a pass uses."""
-    facets = [b.packing for b in stored if b.packing.area is not None]
-    if not facets:
-        return
-    dim, bonds = model.features.dim, model.bonds
-    area = np.ones(bonds)  # a bond without faces is never divided by
-    arm = np.zeros((bonds + 1, 2, dim))
+def _series(value: Array, pairs: NDArray[np.int64], distance: Array) -> Array:
+    """Mean of a modulus over the two parts of each bond, as springs in series; of a node the
+    other's."""
+    return distance.sum(axis=1) / (distance / np.where(value > 0.0, value, 1.0)[pairs]).sum(axis=1)
+
+
+def _bending(model: Model, stored: list[Body], faces: _Faces) -> Array:
+    """c_B = E* I/r0 and c_T = 2 G I_p/r0 [N m] of every facet (theory B9), none at nodes.
+
+    I is that of the face's length in the plane, of a circle of its area in space.
+    """
+    assert model.facet_stiffness is not None
+    bending = np.zeros((model.facet_bonds, 2))
     at = 0
     for body in stored:
-        p = body.packing
-        here = slice(at, at := at + len(p.bonds))
-        if p.area is not None and p.arms is not None:
-            area[here], arm[here] = p.area, p.arms
-    model.bond_area = area
-    model.bond_arm = arm[:, 0] if model.features.central else arm.reshape(-1, dim)
+        if isinstance(body.bond, EVMBond):
+            continue
+        here = slice(at, at := at + len(body.packing.bonds))
+        if not body.facet_bending:
+            continue
+        # k S/r0 is 2 G I/r0 over I/S
+        k, area = model.facet_stiffness[here], faces.area[here]
+        nu = np.array([m.poisson for m in body.materials])[body.grain][body.packing.bonds].mean(1)
+        if model.features.dim == 2:
+            square = (area / body.packing.thickness) ** 2 / 12.0
+            modulus = (1.0 + nu) if body.packing.plane == "stress" else 1.0 / (1.0 - nu)
+        else:
+            square = area / (4.0 * np.pi)
+            modulus = 1.0 + nu
+            bending[here, 1] = 2.0 * k * square
+        bending[here, 0] = modulus * k * square
+    if model.node_bonds is not None:
+        bending[model.node_bonds] = 0.0
+    return bending
 
 
-def _is_central(bodies: list[Body]) -> bool:
-    arms = [b.packing.arms for b in bodies if b.packing.arms is not None]
-    return all(
-        np.abs(a.sum(axis=1)).max(initial=0.0) <= 1e-12 * np.abs(a).max(initial=0.0) for a in arms
-    )
-
-
-def _add_laws(model: Model, stored: list[Body]) -> None:
-    facet = [b for b in stored if not isinstance(b.bond, EVMBond)]
-    if facet:
-        weight = [b.packing.area / b.packing.bond_length for b in facet]  # type: ignore[operator]
-        two_shear = [2.0 * b.material.shear_modulus for b in facet]
-        model.facet_stiffness = np.concatenate(
-            [g * w for g, w in zip(two_shear, weight, strict=True)]
-        )
+def _add_laws(model: Model, stored: list[Body], two_shear: Array, faces: _Faces) -> None:
+    facet = slice(0, model.facet_bonds)
+    pairs = np.stack([model.bond_i, model.bond_j], axis=1).astype(np.int64)
+    if model.facet_bonds:
+        modulus = _series(two_shear, pairs[facet], faces.distance[facet])
+        model.facet_stiffness = modulus * faces.area[facet] / faces.length[facet]
+        if model.features.has_bending:
+            model.facet_bending = _bending(model, stored, faces)
     direction, length, offset, stiffness, dashpot = [], [], [], [], []
     for body in stored:
         if isinstance(body.bond, EVMBond):
@@ -390,21 +606,16 @@ def _add_laws(model: Model, stored: list[Body]) -> None:
             model.evm_dashpot = np.concatenate(dashpot) * root
 
 
-def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:
-    assert model.bond_area is not None and model.bond_arm is not None
+def _add_volume(model: Model, stored: list[Body], each: dict[str, Array], faces: _Faces) -> None:
     if any(b.packing.arms is None for b in stored):
         raise InputError("a scene with volume terms takes only bodies with faces.")
-    r0 = np.concatenate([b.packing.bond_length for b in stored])
     acts = np.concatenate([np.full(len(b.packing.bonds), b.has_volume) for b in stored])
-    model.bond_weight = np.where(acts, model.bond_area / r0, 0.0)
-    arm = bond_ends(model)
-    x = arm[:, 0] - arm[:, 1]
-    q = np.einsum("bsk,bk->bs", arm, x) * [1.0, -1.0] / r0[:, None]
+    acts = np.insert(acts, [model.facet_bonds - model.nodes] * model.nodes, True)
+    model.bond_weight = np.where(acts, faces.area / faces.length, 0.0)
     face = np.zeros(2 * model.bonds + 2)
-    face[:-2] = (np.where(acts, model.bond_area, 0.0)[:, None] * q).ravel()
+    face[:-2] = (np.where(acts, faces.area, 0.0)[:, None] * faces.distance).ravel()
     model.bond_face = face
-    model.element_two_shear = over_bodies(lambda b: 2.0 * b.material.shear_modulus)
-    model.element_coupling = over_bodies(lambda b: b.material.coupling if b.has_volume else 0.0)
+    model.element_two_shear, model.element_coupling = each["two_shear"], each["coupling"]
     if (model.element_coupling < 0.0).any():
         a = volume_stiffness(model, np.append(np.ones(model.bonds), 0.0))
         bad = (model.element_coupling < 0.0) & (-a * face_reach(model) > model.element_two_shear)
@@ -416,12 +627,20 @@ def _add_volume(model: Model, stored: list[Body], over_bodies) -> None:
             )
 
 
-def _add_lists(model: Model, stored: list[Body], unlinked: list[NDArray[np.bool_]]) -> None:
+def _add_lists(
+    model: Model,
+    stored: list[Body],
+    unlinked: list[NDArray[np.bool_]],
+    pressure_modulus: Array,
+    faces: _Faces,
+) -> None:
+    pairs = np.stack([model.bond_i, model.bond_j], axis=1).astype(np.int64)
     listed: list[NDArray[np.int64]] = []
     strength: list[Array] = []
     closing: list[Array] = []
     groups: list[Group] = []
     at = first = 0
+    facet_bodies = [b for b in stored if not isinstance(b.bond, EVMBond)]
     for body, mask in zip(stored, unlinked, strict=True):
         breakable = np.flatnonzero(body.breakable)
         cut = np.flatnonzero(mask & ~body.breakable)
@@ -438,13 +657,14 @@ def _add_lists(model: Model, stored: list[Body], unlinked: list[NDArray[np.bool_
             assert model.evm_stiffness is not None
             closing.append(model.evm_stiffness[ids + at - model.facet_bonds, 0])
         else:
-            modulus = body.material.lame(body.packing.plane) + 2.0 * body.material.shear_modulus
-            assert body.packing.area is not None
-            closing.append(modulus * (body.packing.area / body.packing.bond_length)[ids])
+            modulus = _series(pressure_modulus, pairs[ids + at], faces.distance[ids + at])
+            closing.append(modulus * (faces.area / faces.length)[ids + at])
         first += len(breakable) + len(cut)
         at += len(mask)
         if not isinstance(body.bond, EVMBond):
             model.facet_listed = first
+            if body is facet_bodies[-1]:
+                at += model.nodes  # their second bonds, never listed
     model.listed_bonds = np.concatenate(listed).astype(np.int32)
     model.closing_stiffness = np.concatenate(closing)
     touched = np.stack([model.bond_i, model.bond_j])[:, model.listed_bonds]

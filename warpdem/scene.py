@@ -1,6 +1,7 @@
 """What the user says: bodies and how their elements are bonded, cut, held, strained and loaded."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isnan
 
@@ -9,21 +10,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from .bond import EVMBond
 from .criteria import Criterion
-from .errors import Array, InputError, ModelWarning, finite, first_ids
+from .errors import Array, InputError, ModelWarning, finite, first_ids, positive
 from .material import Material
 from .packing import Mask, Packing
 
 
 @dataclass(eq=False)
 class Body:
-    """One packing of one material in a scene, with what was said about it. Made by `Scene.add`."""
+    """One packing in a scene, with what was said about it. Made by `Scene.add`."""
 
     packing: Packing
-    material: Material
+    materials: tuple[Material, ...]
+    grain: NDArray[np.int64]  # (n,) which of the materials an element is of
     bond: str | EVMBond
     fracture: Criterion | None
     has_volume: bool
+    facet_bending: bool
     linked: Mask = field(init=False)
+    stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
     displacement: Array = field(init=False)
     velocity: Array = field(init=False)
@@ -37,6 +41,7 @@ class Body:
         n, dim = self.packing.position.shape
         bonds = len(self.packing.bonds)
         self.linked = np.ones(bonds, dtype=bool)
+        self.stiffness_factor = np.ones(n)
         self.strength_factor = np.ones(bonds)
         self.displacement = np.zeros((n, dim))
         self.velocity = np.zeros((n, dim))
@@ -45,6 +50,30 @@ class Body:
         self.torque = np.zeros_like(self.angular_velocity)
         self.held = np.zeros((n, dim), dtype=bool)
         self.held_rotation = np.zeros(n, dtype=bool)
+
+    @property
+    def density(self) -> Array:
+        """Density of every element [kg/m^3], (n,)."""
+        return np.array([m.density for m in self.materials])[self.grain]
+
+    @property
+    def shear_modulus(self) -> Array:
+        """G of every element [Pa], (n,)."""
+        return (
+            self.stiffness_factor * np.array([m.shear_modulus for m in self.materials])[self.grain]
+        )
+
+    @property
+    def coupling(self) -> Array:
+        """D = 3 nu/(1 + nu) of every element, 0 where no volume term acts, (n,)."""
+        return self.has_volume * np.array([m.coupling for m in self.materials])[self.grain]
+
+    @property
+    def pressure_modulus(self) -> Array:
+        """lambda + 2 G of every element [Pa], (n,)."""
+        plane = self.packing.plane
+        each = [m.lame(plane) + 2.0 * m.shear_modulus for m in self.materials]
+        return self.stiffness_factor * np.array(each)[self.grain]
 
     @property
     def breakable(self) -> Mask:
@@ -63,20 +92,31 @@ class Scene:
     def add(
         self,
         packing: Packing,
-        material: Material,
+        material: Material | Sequence[Material],
         bond: str | EVMBond = "facet",
         fracture: Criterion | None = None,
         volume: bool | None = None,
+        grain: ArrayLike | None = None,
+        facet_bending: bool = False,
     ) -> Body:
         """Add a body.
 
+        material: one, or several with grain (n,): which of them each element is of, from 0. Where
+        unlike elements meet, a face has a displacement of its own (theory B4).
         bond: "facet" (the pair part of the second paper; needs a packing with faces) or an EVMBond.
         fracture: the criterion by which its bonds break; None: none ever breaks.
         volume: whether the many-body volume term acts; by default where facet bonds need it
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
+        facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
         """
-        if not isinstance(packing, Packing) or not isinstance(material, Material):
-            raise InputError("scene.add takes a Packing and a Material.")
+        materials = (material,) if isinstance(material, Material) else tuple(material)
+        if (
+            not isinstance(packing, Packing)
+            or not materials
+            or not all(isinstance(m, Material) for m in materials)
+        ):
+            raise InputError("scene.add takes a Packing and a Material, or several.")
+        grains = _grains(packing, materials, grain)
         if packing.period is not None:
             raise InputError(
                 "this packing is periodic, for calibration; a scene takes bodies with surfaces."
@@ -93,8 +133,7 @@ class Scene:
         elif bond == "facet":
             if not faces:
                 raise InputError("facet bonds need a packing with faces; this one has none.")
-            has_volume = material.poisson != 0.0 if volume is None else volume
-            has_volume = has_volume and material.poisson != 0.0
+            has_volume = any(m.poisson != 0.0 for m in materials) and volume is not False
         else:
             raise InputError(f"bond is {bond!r}; give 'facet' or an EVMBond.")
         if not faces and (has_volume or fracture is not None):
@@ -107,8 +146,10 @@ class Scene:
                     "all bodies of a scene share the dimension and the plane state: one is "
                     f"{_space(other.packing)}, this one is {_space(packing)}."
                 )
-        _tell(packing, bond)
-        body = Body(packing, material, bond, fracture, has_volume)
+        _tell(packing, bond, facet_bending)
+        if facet_bending and bond != "facet":
+            raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
+        body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending)
         self.bodies.append(body)
         return body
 
@@ -119,6 +160,20 @@ class Scene:
         ids = self._crossing(body, start, end, depth)
         body.linked[ids] = False
         return ids
+
+    def scale_stiffness(self, body: Body, factor: ArrayLike) -> None:
+        """Multiply the elastic moduli of elements by a factor, a number or (n,), as scatter does.
+
+        Poisson's ratio stays. Of EVM bonds it scales the volume term only: their stiffnesses are
+        their own.
+        """
+        self._own(body)
+        f = positive("factor", factor)
+        if f.shape not in ((), (len(body.packing),)):
+            raise InputError(
+                f"factor has shape {f.shape}; give a number or ({len(body.packing)},)."
+            )
+        body.stiffness_factor *= f
 
     def set_strength(
         self,
@@ -286,7 +341,26 @@ class Scene:
         return chosen.astype(np.int64)
 
 
-def _tell(packing: Packing, bond: str | EVMBond) -> None:
+def _grains(
+    packing: Packing, materials: tuple[Material, ...], grain: ArrayLike | None
+) -> NDArray[np.int64]:
+    n = len(packing)
+    if grain is None:
+        if len(materials) > 1:
+            raise InputError(
+                f"{len(materials)} materials need grain: which one each element is of."
+            )
+        return np.zeros(n, dtype=np.int64)
+    g = np.asarray(grain)
+    if g.shape != (n,) or g.dtype.kind not in "iub":
+        raise InputError(f"grain has shape {g.shape}; give ({n},) whole numbers.")
+    bad = (g < 0) | (g >= len(materials))
+    if bad.any():
+        raise InputError(f"grain of elements {first_ids(bad)} is outside 0..{len(materials) - 1}.")
+    return g.astype(np.int64)
+
+
+def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:
     """Warn of what makes a body behave in ways that its user may not expect."""
     if packing.pieces > 1:
         bonded = np.bincount(packing.bonds.ravel(), minlength=len(packing)) > 0
@@ -296,10 +370,11 @@ def _tell(packing: Packing, bond: str | EVMBond) -> None:
         warnings.warn(message + ".", ModelWarning, stacklevel=3)
     if isinstance(bond, EVMBond) and np.all(np.asarray(bond.bending) > 0.0):
         return
-    if packing.has_gears:
+    if packing.has_gears and not facet_bending:
         warnings.warn(
             "neighbours of this packing can turn in opposite senses at no energy (gear modes), so "
-            "spins may grow unnoticed; take another packing or EVM bonds with bending stiffness.",
+            "spins may grow unnoticed; take facet_bending=True, another packing, or EVM bonds with "
+            "bending stiffness.",
             ModelWarning,
             stacklevel=3,
         )

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
-from .model import bond_ends, build, state_arrays
+from .model import bond_ends, build, state_arrays, with_moving_nodes, with_nodes
 from .scene import Body, Scene
 from .stability import bound_damping, bound_frequency, largest_frequency, link_states
 from .statics import Telling, equilibrate, natural_frequencies, relax
@@ -232,71 +232,74 @@ class Simulation:
     @property
     def displacement(self) -> Array:
         """Displacement of every element from its reference place [m], (n, dim)."""
-        return self._step.download("displacement").astype(np.float64)
+        return self._own("displacement")
 
     @property
     def position(self) -> Array:
         """Place of every element [m], (n, dim)."""
-        return self.model.position + self.displacement
+        return self.model.position[: self.model.own_elements] + self.displacement
 
     @property
     def orientation(self) -> Array:
         """Turn since the reference state: quaternion (x, y, z, w), in the plane (sin, cos) of half
         the angle, (n, 4) or (n, 2)."""
-        return self._step.download("orientation").astype(np.float64)
+        return self._own("orientation")
 
     @property
     def velocity(self) -> Array:
         """Velocity [m/s], (n, dim)."""
-        return self._step.download("velocity").astype(np.float64)
+        return self._own("velocity")
 
     @property
     def angular_velocity(self) -> Array:
         """Angular velocity in the world frame [rad/s], (n, 1) in the plane or (n, 3)."""
-        return self._step.download("angular_velocity").astype(np.float64)
+        return self._own("angular_velocity")
 
     @property
     def stress(self) -> Array:
         """Average stress of every element [Pa], (n, 3, 3), tension positive; zero without faces."""
-        return stress_tensor(self._step.evaluate_stress())
+        return stress_tensor(self._step.evaluate_stress())[: self.model.own_elements]
 
     @property
     def force(self) -> Array:
         """Force of the bonds on every element [N], (n, dim)."""
-        return gathered(self._step)[0]
+        return gathered(self._step)[0][: self.model.own_elements]
 
     @property
     def torque(self) -> Array:
         """Torque of the bonds on every element [N m], (n, 1) in the plane or (n, 3)."""
-        return gathered(self._step)[1]
+        return gathered(self._step)[1][: self.model.own_elements]
 
     @property
     def bond_force(self) -> Array:
         """Force of every bond on its first element [N], (b, dim)."""
-        first = self.model.bond_place[::2]
+        first = self.model.bond_place[::2][self.model.own_bonds]
         return self._step.download("end_force")[first].astype(np.float64)
 
     @property
     def bond_energy(self) -> Array:
         """Energy that every linked bond holds [J], (b,)."""
-        return self._step.bond_energy()
+        m, energy = self.model, self._step.bond_energy()
+        if m.node_bonds is not None:
+            energy[m.node_bonds] += energy[m.second_bonds]
+        return energy[m.own_bonds]
 
     @property
     def bonds(self) -> NDArray[np.int64]:
         """Element ids of every bond, (b, 2)."""
-        return np.stack([self.model.bond_i, self.model.bond_j], axis=1).astype(np.int64)
+        return self.model.own_pairs
 
     @property
     def linked(self) -> NDArray[np.bool_]:
         """Whether each bond is linked, (b,)."""
         if self.model.listed_bonds is None:
-            return np.ones(self.model.bonds, dtype=bool)
-        return self._step.download("bond_linked")[:-1] == 1.0
+            return np.ones(len(self.model.own_bonds), dtype=bool)
+        return self._step.download("bond_linked")[self.model.own_bonds] == 1.0
 
     @property
     def damage(self) -> Array:
         """Share of each element's bonds that are unlinked, (n,)."""
-        n, bonds = self.model.elements, self.bonds
+        n, bonds = self.model.own_elements, self.bonds
         broken = np.bincount(bonds[~self.linked].ravel(), minlength=n)
         return broken / np.maximum(np.bincount(bonds.ravel(), minlength=n), 1)
 
@@ -328,7 +331,8 @@ class Simulation:
         rows = rows[np.lexsort((m.listed_bonds[rows], step[rows]))]
         bond = m.listed_bonds[rows]
         log = np.zeros(len(rows), dtype=kinds)
-        log["bond"], log["i"], log["j"] = bond, m.bond_i[bond], m.bond_j[bond]
+        log["bond"] = np.searchsorted(m.own_bonds, bond)
+        log["i"], log["j"] = m.bond_i[bond], m.bond_j[bond]
         log["step"], log["time"] = step[rows], step[rows] * self.dt
         place = m.position[m.bond_i[bond]] + bond_ends(m)[bond, 0]
         for axis, name in zip(range(m.features.dim), "xyz", strict=False):
@@ -381,18 +385,29 @@ class Simulation:
         Orientations must be of unit length. The energy ledger starts anew.
         """
         self._step.synchronise()
+        given = {}
         for name, value in arrays.items():
             one_of("state", name, ("displacement", "orientation", "velocity", "angular_velocity"))
-            shape = self._step.download(name).shape
-            a = finite(name, value, shape)
+            given[name] = finite(name, value, self._own(name).shape)
             if name == "orientation":
-                bad = np.abs(np.linalg.norm(a, axis=1) - 1.0) > 1e-6
+                bad = np.abs(np.linalg.norm(given[name], axis=1) - 1.0) > 1e-6
                 if bad.any():
                     raise InputError(f"orientation is not of unit length at {first_ids(bad)}.")
-            self._step.upload(name, a)
+        for names, completed in (
+            (("displacement", "orientation"), with_nodes),
+            (("velocity", "angular_velocity"), with_moving_nodes),
+        ):
+            if not given.keys().isdisjoint(names):
+                whole = completed(self.model, *(given.get(x, self._own(x)) for x in names))
+                for name, value in zip(names, whole, strict=True):
+                    self._step.upload(name, value)
         self._start_anew()
 
     # -- within -----------------------------------------------------------------------------------
+
+    def _own(self, name: str) -> Array:
+        """A state array of the packings' elements, without nodes."""
+        return self._step.download(name)[: self.model.own_elements].astype(np.float64)
 
     def _start_anew(self) -> None:
         """Forces, books and checks of a state that was not reached by steps."""
@@ -410,7 +425,8 @@ class Simulation:
         if self.model.features.has_work:
             ledger["work"] += float(self._step.download("element_work").sum(dtype=np.float64))
         if self.model.external_force is not None:
-            ledger["work"] += float((self.model.external_force * self.displacement).sum())
+            u = self._step.download("displacement").astype(np.float64)
+            ledger["work"] += float((self.model.external_force * u).sum())
         return ledger
 
     def _next_call(self, observer: Observer) -> int:

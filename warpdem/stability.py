@@ -81,6 +81,8 @@ def bound_frequency(model: Model) -> float:
             closing = model.closing_stiffness[: model.facet_listed]
             stiffness[facets] = np.maximum(stiffness[facets], closing)
         blocks.add_springs(slice(0, model.facet_bonds), stiffness)
+        if model.facet_bending is not None:
+            blocks.add_couples(model.facet_bending)
     if model.evm_bonds:
         evm = slice(model.facet_bonds, model.bonds)
         b1, b2, b3, b4 = _of(model.evm_stiffness).T
@@ -134,6 +136,15 @@ class _Blocks:
             )  # fmt: skip
             k = stiffness[:, None, None] * np.swapaxes(gradient, 1, 2) @ gradient
             np.add.at(self.k, element[bonds], k)
+
+    def add_couples(self, bending: Array) -> None:
+        """Bending and twist of facets (theory B9), both bounded by the greater."""
+        m, dim = self.model, self.dim
+        both = bending.max(axis=1)
+        for element in (m.bond_i, m.bond_j):
+            total = np.bincount(element[: m.facet_bonds], both, minlength=m.elements)
+            for spin in range(dim, dim + self.spins):
+                self.k[:, spin, spin] += total
 
     def add_beams(
         self, bonds: slice, longitudinal: Array, shear: Array, bending: Array, torsion: Array

@@ -34,8 +34,16 @@ from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
 
-Names = tuple[str, ...]
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
+# arrays that kernels name and only some scenes have
+OPTIONAL = frozenset(
+    {
+        *("bond_arm", "bond_weight", "facet_bending", "volume_stress", "volume_stiffness"),
+        *("volume_energy", "element_release", "element_work", "evm_dashpot"),
+        *("damping_force", "damping_torque", "external_force", "external_torque"),
+        *("principal_moment", "principal_axes"),
+    }
+)
 # arithmetic of forces, arithmetic of places
 PRECISIONS = {
     "float64": (wp.float64, wp.float64),
@@ -244,12 +252,6 @@ class Step:
 
     # -- passes -----------------------------------------------------------------------------------
 
-    # arrays of the elements that only some scenes have
-    _optional: Names = (
-        *("external_force", "external_torque", "element_work"),
-        *("principal_moment", "principal_axes"),
-    )
-
     def _bind_step(self) -> None:
         half, forces, fracture = 0.5 * self.dt, self._force_passes(), []
         self._settle: Passes | None = None
@@ -287,14 +289,12 @@ class Step:
             is_local,
             self._simd,
         )
-        unused = self._without(self._optional)
-        unused += () if f.has_dashpots else ("damping_force", "damping_torque")
         numbers: dict[str, Any] = {
             "local_damping": self.local_damping,
             "dt": self.dt,
             "elements": m.elements,
         }
-        passes = [self._bind(law, m.elements, unused, **numbers)]
+        passes = [self._bind(law, m.elements, **numbers)]
         if f.has_dashpots:
             law = evm_dashpots(s, k, self._simd)
             passes.insert(0, self._bind(law, m.evm_bonds, first_evm=m.facet_bonds))
@@ -353,7 +353,6 @@ class Step:
         self._log = self._bind(
             log_breaks(s, f.has_volume, self._simd),
             listed.size,
-            () if f.has_volume else ("element_release",),
             listed=listed,
             linked_energy=self.arrays["listed_linked_energy"],
             step=0,
@@ -373,14 +372,12 @@ class Step:
         for name in ("kinetic_energy", "integrator_energy"):
             self.upload(name, np.zeros(m.elements))
         self.upload("linked_energy", np.zeros(m.bonds))
-        unused: Names = ("volume_energy", "volume_stiffness", "volume_stress")
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
-            unused = ()
         law = element_energies(s, k, f.has_moments, f.has_volume, self._simd)
         return self._passes(
             [
-                self._bind(law, m.elements, unused + self._without(self._optional)),
+                self._bind(law, m.elements),
                 self._integrator_energies(),
                 *self._pair_energies(),
                 *self._closing_energies(),
@@ -392,12 +389,10 @@ class Step:
         for name in ("power", "kinetic", "force"):
             self.upload("relaxing_" + name, np.zeros(m.elements))
         self.upload("relaxing_mix", np.zeros(2))
-        unused = self._without(self._optional)
         steer, power = (
             self._bind(
                 law(s, k, f.slots, f.external, f.has_moments, self._simd),
                 m.elements,
-                unused,
                 elements=m.elements,
             )
             for law in (fire, fire_power)
@@ -408,7 +403,6 @@ class Step:
     def _force_passes(self, near: bool = False) -> list[wp.Launch]:
         """Forces of all bonds, or of those near bonds that may break."""
         (s, k), m, f = self._space, self.model, self.model.features
-        unused = () if f.has_volume else ("volume_stress", "bond_weight")
         bonds, facets, elements = m.bonds, m.facet_bonds, m.elements
         listed, listed_elements = None, None
         if near:
@@ -422,13 +416,12 @@ class Step:
             numbers: dict[str, Any] = {"elements": m.elements, "first": 0}
             passes.append(self._bind(law, elements, listed=listed_elements, **numbers))
         if facets:
-            law = facet_forces(s, k, f.central, f.has_volume, near, self._simd)
-            passes.append(self._bind(law, facets, unused, listed=listed, first=0))
+            law = facet_forces(s, k, f.central, f.has_volume, f.has_bending, near, self._simd)
+            passes.append(self._bind(law, facets, listed=listed, first=0))
         if bonds > facets:
             law = evm_forces(s, k, f.central, f.has_volume, f.large_rotation, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
-            without = (*unused, *(() if f.has_volume else ("bond_arm",)))
-            passes.append(self._bind(law, bonds - facets, without, listed=listed, **numbers))
+            passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
         return passes + self._over_listed(
             facet_closing(s, k, f.central, self._simd),
             evm_closing(s, k, self._simd),
@@ -436,7 +429,7 @@ class Step:
         )
 
     def _over_listed(
-        self, facet_law: wp.Kernel, evm_law: wp.Kernel, unused: Names = (), **given: Any
+        self, facet_law: wp.Kernel, evm_law: wp.Kernel, **given: Any
     ) -> list[wp.Launch]:
         """A pass of each law over the listed bonds that follow it."""
         m = self.model
@@ -444,20 +437,18 @@ class Step:
             return []
         listed, passes = self.arrays["listed_bonds"], []
         if m.facet_listed:
-            passes.append(self._bind(facet_law, m.facet_listed, unused, listed=listed, **given))
+            passes.append(self._bind(facet_law, m.facet_listed, listed=listed, **given))
         if listed.size > m.facet_listed:
             numbers: dict[str, Any] = {"first": m.facet_listed, "first_evm": m.facet_bonds}
             count = listed.size - m.facet_listed
-            passes.append(self._bind(evm_law, count, unused, listed=listed, **numbers, **given))
+            passes.append(self._bind(evm_law, count, listed=listed, **numbers, **given))
         return passes
 
     def _unlink(self) -> list[wp.Launch]:
         (s, _), f = self._space, self.model.features
-        unused = () if f.has_volume else ("bond_weight",)
         return self._over_listed(
-            facet_unlink(s, f.has_volume, self._simd),
+            facet_unlink(s, f.has_volume, f.has_bending, self._simd),
             evm_unlink(s, f.has_volume, f.has_dashpots, self._simd),
-            unused if f.has_dashpots else (*unused, "evm_dashpot"),
         )
 
     def _closing_energies(self) -> list[wp.Launch]:
@@ -490,7 +481,6 @@ class Step:
             elements is not None,
             self._simd,
         )
-        unused = self._without(self._optional)
         listed = None if elements is None else self.arrays[elements]
         numbers: dict[str, Any] = {
             "finish": finish,
@@ -499,14 +489,13 @@ class Step:
             "elements": m.elements,
         }
         count = m.elements if listed is None else listed.size
-        return self._bind(law, count, unused, listed=listed, first=0, **numbers, **(loads or {}))
+        return self._bind(law, count, listed=listed, first=0, **numbers, **(loads or {}))
 
     def _stress(self, listed: str) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
         law = element_stress(s, k, f.central, f.slots, f.has_volume, f.plane_strain, self._simd)
-        unused = () if f.has_volume else ("volume_stress",)
         ids = self.arrays[listed]
-        return self._bind(law, ids.size, unused, listed=ids, elements=m.elements)
+        return self._bind(law, ids.size, listed=ids, elements=m.elements)
 
     def _pair_energies(
         self, listed: str | None = None, facets: int | None = None
@@ -520,7 +509,8 @@ class Step:
         given = {"linked_energy": self.arrays[name], "listed": ids}
         passes = []
         if facets:
-            law = facet_energies(s, k, m.features.central, ids is not None, self._simd)
+            f = m.features
+            law = facet_energies(s, k, f.central, f.has_bending, ids is not None, self._simd)
             passes.append(self._bind(law, facets, **given))
         if bonds > facets:
             law = evm_energies(s, k, m.features.large_rotation, ids is not None, self._simd)
@@ -533,12 +523,10 @@ class Step:
         law = integrator_energies(
             s, k, f.slots, f.external, f.has_moments, listed is not None, self._simd
         )
-        unused = self._without(self._optional)
         prefix, ids = ("", None) if listed is None else ("near_", self.arrays[listed])
         return self._bind(
             law,
             m.elements if ids is None else ids.size,
-            unused,
             listed=ids,
             integrator_energy=self.arrays[prefix + "integrator_energy"],
             dt=self.dt,
@@ -565,10 +553,6 @@ class Step:
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))
 
-    def _without(self, names: Names) -> Names:
-        """Those of the names that the scene has no array of."""
-        return tuple(name for name in names if name not in self.arrays)
-
     def _nothing(self, array_type: wp.array) -> wp.array:
         """An array that stands for one that a kernel does not use.
 
@@ -582,15 +566,15 @@ class Step:
     def _passes(self, launches: list[wp.Launch]) -> Passes:
         return Passes(launches, self.device)
 
-    def _bind(self, kernel, dim: int, unused: Names = (), **given: Any) -> wp.Launch:
-        """A recorded launch whose arguments are found by name; `unused` ones are left out.
+    def _bind(self, kernel, dim: int, **given: Any) -> wp.Launch:
+        """A recorded launch whose arguments are found by name.
 
         Kernel argument, model or state array and exported field are one word.
         """
         inputs = []
         for name, parameter in signature(kernel.func).parameters.items():
             value = given.get(name)
-            if name not in given and name not in unused:
+            if name not in given and (name in self.arrays or name not in OPTIONAL):
                 value = self.arrays[name]
             inputs.append(self._nothing(parameter.annotation) if value is None else value)
         return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)

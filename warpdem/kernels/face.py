@@ -8,7 +8,7 @@ from functools import cache
 
 import warp as wp
 
-from .algebra import Laws, narrow
+from .algebra import Laws, narrow, narrow_spin
 from .memory import nn
 
 
@@ -75,6 +75,25 @@ def face(s: Laws, k: Laws, central: bool) -> Laws:
         qj = k.load_rot(orientation, nn(bond_j[b]))
         return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))
 
+    narrowed_spin, real = narrow_spin(s, k), s.real
+
+    @wp.func
+    def load_turn(
+        b: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        orientation: wp.array(dtype=k.real),
+    ):
+        """Vector and scalar part of the rotation from i to j."""
+        turned = k.relative(
+            k.load_rot(orientation, nn(bond_i[b])), k.load_rot(orientation, nn(bond_j[b]))
+        )
+        return narrowed_spin(k.axial(turned)), real(k.scalar(turned))
+
     return Laws(
-        load_arm=load_arm, opening=opening, load_opening=load_opening, load_normals=load_normals
+        load_turn=load_turn,
+        load_arm=load_arm,
+        opening=opening,
+        load_opening=load_opening,
+        load_normals=load_normals,
     )

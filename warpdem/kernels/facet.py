@@ -18,12 +18,27 @@ from .volume import volume
 @cache
 def facet(s: Laws) -> Laws:
     """Laws of the facet bond: linked, and unlinked where it only resists closing."""
-    real, vec = s.real, s.vec
+    real, vec, spin = s.real, s.vec, s.spin
 
     @wp.func
     def energy(stiffness: real, delta: vec) -> real:
         """U = k/2 |delta|^2 [J]."""
         return real(0.5) * stiffness * wp.dot(delta, delta)
+
+    @wp.func
+    def bending_energy(bending: real, torsion: real, p: vec, m: vec, half: spin) -> real:
+        """(c_B - c_T)/2 |p - m|^2 + 2 c_T |v_r|^2 [J] (theory B9), as of an EVM bond."""
+        bend = p - m
+        return real(0.5) * (bending - torsion) * wp.dot(bend, bend) + real(
+            2.0
+        ) * torsion * s.spin_squared(half)
+
+    @wp.func
+    def bending_torque(
+        bending: real, torsion: real, p: vec, m: vec, half: spin, cosine: real
+    ) -> spin:
+        """Torque on i [N m], opposite on j."""
+        return (bending - torsion) * s.cross(p, m) + (real(2.0) * torsion * cosine) * half
 
     @wp.func
     def force(stiffness: real, delta: vec) -> vec:
@@ -45,12 +60,25 @@ def facet(s: Laws) -> Laws:
         tj = -s.cross(cj, f) - pull * s.cross(m, slip)
         return f, ti, tj
 
-    return Laws(energy=energy, force=force, gap=gap, closing_force=closing_force)
+    return Laws(
+        energy=energy,
+        bending_energy=bending_energy,
+        bending_torque=bending_torque,
+        force=force,
+        gap=gap,
+        closing_force=closing_force,
+    )
 
 
 @cache
 def facet_forces(
-    s: Laws, k: Laws, central: bool, has_volume: bool, is_listed: bool, simd: bool = True
+    s: Laws,
+    k: Laws,
+    central: bool,
+    has_volume: bool,
+    has_bending: bool,
+    is_listed: bool,
+    simd: bool = True,
 ):
     """Pass over facet bonds: force on i and the torques on both elements."""
     geometry, law, many, real = face(s, k, central), facet(s), volume(s), s.real
@@ -64,6 +92,7 @@ def facet_forces(
         bond_arm: wp.array(dtype=k.real),
         # state read
         facet_stiffness: wp.array(dtype=real),
+        facet_bending: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
@@ -90,6 +119,14 @@ def facet_forces(
         else:
             ti = s.cross(ci, f)
             tj = -s.cross(cj, f)
+        if wp.static(has_bending):
+            p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
+            half, cosine = geometry.load_turn(b, bond_i, bond_j, orientation)
+            t = law.bending_torque(
+                facet_bending[nn(2 * b)], facet_bending[nn(2 * b + 1)], p, m, half, cosine
+            )
+            ti += t
+            tj -= t
         s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
 
     return kernel(facet_forces, simd)
@@ -194,7 +231,9 @@ def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
 
 
 @cache
-def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool = True):
+def facet_energies(
+    s: Laws, k: Laws, central: bool, has_bending: bool, is_listed: bool, simd: bool = True
+):
     """Per facet bond: the energy it holds linked [J]."""
     geometry, law, real = face(s, k, central), facet(s), s.real
 
@@ -206,6 +245,7 @@ def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool 
         bond_arm: wp.array(dtype=k.real),
         # state read
         facet_stiffness: wp.array(dtype=real),
+        facet_bending: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
@@ -218,7 +258,14 @@ def facet_energies(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool 
         delta, _ci, _cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, displacement, orientation
         )
-        linked_energy[t] = law.energy(facet_stiffness[b], delta)
+        energy = law.energy(facet_stiffness[b], delta)
+        if wp.static(has_bending):
+            p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
+            half, _cosine = geometry.load_turn(b, bond_i, bond_j, orientation)
+            energy += law.bending_energy(
+                facet_bending[nn(2 * b)], facet_bending[nn(2 * b + 1)], p, m, half
+            )
+        linked_energy[t] = energy
 
     return kernel(facet_energies, simd)
 
@@ -253,7 +300,7 @@ def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
 
 
 @cache
-def facet_unlink(s: Laws, has_volume: bool, simd: bool = True):
+def facet_unlink(s: Laws, has_volume: bool, has_bending: bool, simd: bool = True):
     """Pass over listed facet bonds: an unlinked bond has no stiffness."""
     real = s.real
 
@@ -263,10 +310,14 @@ def facet_unlink(s: Laws, has_volume: bool, simd: bool = True):
         bond_linked: wp.array(dtype=real),
         # written
         facet_stiffness: wp.array(dtype=real),
+        facet_bending: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
     ):
         b = nn(listed[wp.tid()])
         facet_stiffness[b] = bond_linked[b] * facet_stiffness[b]
+        if wp.static(has_bending):
+            for n in range(2):
+                facet_bending[2 * b + n] = bond_linked[b] * facet_bending[2 * b + n]
         if wp.static(has_volume):
             bond_weight[b] = bond_linked[b] * bond_weight[b]
 
