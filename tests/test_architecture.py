@@ -20,9 +20,12 @@ ALLOWED = {
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
     "moduli": {"errors", "bond", "material", "packing"},
-    "simulation": {"errors", "model", "scene", "stability", "statics", "step", "trouble"},
-    "observe": {"errors"},
-    "write": {"errors", "observe"},
+    "fields": {"errors"},
+    "simulation": {
+        *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
+    },
+    "observe": {"errors", "fields"},
+    "write": {"errors", "fields", "observe"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
     },

@@ -8,9 +8,9 @@ from .criteria import DruckerPrager, HuberMisesHencky, Rankine
 from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
-from .observe import CrackTracker, Snapshot
+from .observe import CrackTracker, PlaneProbe, Probe, Snapshot
 from .packing import Packing
-from .scene import Body, Scene
+from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
 
@@ -36,9 +36,12 @@ __all__ = [
     "NotConvergedError",
     "Observer",
     "Packing",
+    "PlaneProbe",
+    "Probe",
     "Rankine",
     "Rectangle",
     "Scene",
+    "Servo",
     "Simulation",
     "Snapshot",
     "TroubledBondError",

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .bond import EVMBond
 from .errors import Array, InputError, first_ids
-from .scene import Body, Scene
+from .scene import Body, History, Scene
 
 Ids = NDArray[np.int32]
 # kept in the precision of places; everything else is in the precision of forces
@@ -26,9 +26,12 @@ class Features:
     dim: int
     plane_strain: bool
     has_volume: bool
-    external: tuple[bool, bool]  # whether forces, whether torques act from outside
+    # whether constant forces, constant torques act from outside; how many loads change with time
+    external: tuple[bool, bool, int]
     has_work: bool
     has_bending: bool  # some facets resist bending and twist
+    has_grips: bool  # some grips change their velocity with time
+    absorbs: bool  # some sides let waves out
     has_moments: bool  # some elements have three principal moments of inertia
     has_dashpots: bool
     large_rotation: bool
@@ -84,6 +87,14 @@ class Model:
     evm_dashpot: Array | None = None  # eta along, across [N s/m], bending, torsion [N m s]
     external_force: Array | None = None
     external_torque: Array | None = None
+    timed_force: Array | None = None  # (loads n, dim), load after load
+    timed_torque: Array | None = None
+    load_histories: tuple[History, ...] = ()
+    grip: Ids | None = None  # (n,) which of the grips' histories held motion follows
+    grip_velocity: Array | None = None
+    grip_spin: Array | None = None
+    grip_histories: tuple[History, ...] = ()
+    absorbing_damping: Array | None = None  # (n, dim, dim) force over velocity [N s/m]
     principal_moment: Array | None = None  # (n, 3)
     principal_axes: Array | None = None  # (n, 4) rotations from the principal axes to the world's
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
@@ -166,6 +177,10 @@ def state_arrays(
     }
     if f.has_work:
         state["element_work"] = np.zeros(n)
+    if model.load_histories:
+        state["load_factor"] = np.zeros(len(model.load_histories))
+    if model.grip_histories:
+        state["grip_factor"] = np.zeros(len(model.grip_histories))
     linked = np.zeros(b + 1)
     present = np.concatenate([x.linked for x in in_bond_order(bodies)])
     present = np.insert(present, [model.facet_bonds - model.nodes] * model.nodes, True)
@@ -329,13 +344,23 @@ def build(scene: Scene) -> Model:
     evm = [b.bond for b in bodies if isinstance(b.bond, EVMBond)]
     if len({b.large_rotation for b in evm}) > 1:
         raise InputError("all EVM bonds of a scene take large_rotation, or none does.")
-    has_torque = bool(each["torque"].any())
+    if scene.gravity is not None:
+        if scene.gravity.shape != (dim,):
+            raise InputError(f"gravity has {len(scene.gravity)} components; give {dim}.")
+        each["force"] += mass[:, None] * scene.gravity
+    timed = [(b, load) for b in bodies for load in b.timed_loads]
+    external = bool(each["force"].any()), bool(each["torque"].any()), len(timed)
+    has_grips = len(scene.grip_histories) > 1
     features = Features(
         dim=dim,
         plane_strain=packing.plane == "strain",
         has_volume=any(b.has_volume for b in bodies),
-        external=(bool(each["force"].any()), has_torque),
-        has_work=bool((held & (each["velocity"] != 0.0)).any() or turning.any() or has_torque),
+        external=external,
+        has_work=bool(
+            (held & (each["velocity"] != 0.0)).any() or turning.any() or any(external) or has_grips
+        ),
+        has_grips=has_grips,
+        absorbs=any(b.absorbing.any() for b in bodies),
         has_bending=any(b.facet_bending for b in bodies),
         has_moments=moments is not None,
         has_dashpots=any(b.damping > 0.0 for b in evm),
@@ -366,6 +391,22 @@ def build(scene: Scene) -> Model:
         nodes=len(node_bonds),
         node_bonds=node_bonds.astype(np.int32) if len(node_bonds) else None,
     )
+    if timed:
+        model.load_histories = tuple(load.history for _, load in timed)
+        for name in ("force", "torque"):
+            whole = np.zeros((len(timed), *each[name].shape))
+            for row, (body, load) in zip(whole, timed, strict=True):
+                at = starts[id(body)]
+                row[at : at + len(body.packing)] = getattr(load, name)
+            setattr(model, "timed_" + name, whole.reshape(-1, whole.shape[2]))
+    if has_grips:
+        model.grip_histories = tuple(scene.grip_histories)
+        model.grip = np.concatenate([*(b.grip for b in bodies), np.zeros(model.nodes)]).astype(
+            np.int32
+        )
+        model.grip_velocity, model.grip_spin = each["velocity"], each["angular_velocity"]
+    if features.absorbs:
+        model.absorbing_damping = each["absorbing"]
     if faces.any:
         model.bond_area = faces.area
         model.bond_arm = faces.arm[:, 0] if features.central else faces.arm.reshape(-1, dim)
@@ -386,12 +427,20 @@ def _elements(bodies: list[Body], dim: int) -> dict[str, Array]:
     each = {
         "position": joined(lambda b: b.packing.position),
         "volume": joined(lambda b: b.packing.volume),
-        "mass": joined(lambda b: b.packing.volume * b.density),
+        "mass": joined(lambda b: b.packing.volume * b.density * b.mass_share),
         "two_shear": joined(lambda b: 2.0 * b.shear_modulus),
         "coupling": joined(lambda b: b.coupling),
         "pressure_modulus": joined(lambda b: b.pressure_modulus),
     }
-    for name in ("held", "held_rotation", "velocity", "angular_velocity", "force", "torque"):
+    for name in (
+        "held",
+        "held_rotation",
+        "velocity",
+        "angular_velocity",
+        "force",
+        "torque",
+        "absorbing",
+    ):
         each[name] = joined(lambda b, name=name: getattr(b, name))
     radius = joined(lambda b: b.packing.radius)
     each["inertia"] = (0.5 if dim == 2 else 0.4) * each["mass"] * radius**2

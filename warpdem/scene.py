@@ -1,7 +1,7 @@
 """What the user says: bodies and how their elements are bonded, cut, held, strained and loaded."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import isnan
 
@@ -13,6 +13,17 @@ from .criteria import Criterion
 from .errors import Array, InputError, ModelWarning, finite, first_ids, positive
 from .material import Material
 from .packing import Mask, Packing
+
+History = Callable[[float], float]  # factor at a time [s]
+
+
+@dataclass(eq=False)
+class TimedLoad:
+    """A load that changes with time: forces (n, dim) [N] and torques [N m] times history(t)."""
+
+    history: History
+    force: Array
+    torque: Array
 
 
 @dataclass(eq=False)
@@ -34,6 +45,10 @@ class Body:
     angular_velocity: Array = field(init=False)
     force: Array = field(init=False)
     torque: Array = field(init=False)
+    timed_loads: list[TimedLoad] = field(init=False)
+    grip: NDArray[np.int64] = field(init=False)  # (n,) which history held motion follows, or 0
+    mass_share: Array = field(init=False)
+    absorbing: Array = field(init=False)  # (n, dim, dim) force over velocity [N s/m]
     held: Mask = field(init=False)
     held_rotation: Mask = field(init=False)
 
@@ -48,6 +63,10 @@ class Body:
         self.angular_velocity = np.zeros((n, 1 if dim == 2 else 3))
         self.force = np.zeros((n, dim))
         self.torque = np.zeros_like(self.angular_velocity)
+        self.timed_loads = []
+        self.grip = np.zeros(n, dtype=np.int64)
+        self.mass_share = np.ones(n)
+        self.absorbing = np.zeros((n, dim, dim))
         self.held = np.zeros((n, dim), dtype=bool)
         self.held_rotation = np.zeros(n, dtype=bool)
 
@@ -83,11 +102,38 @@ class Body:
         return self.linked & np.isfinite(self.strength_factor)
 
 
+@dataclass(eq=False)
+class Servo:
+    """A gripped side that moves so that its mean traction follows a wanted one.
+
+    Made by `Scene.servo`; while a simulation runs, `measured` [Pa] is the traction it last saw.
+    """
+
+    body: Body
+    ids: NDArray[np.int64]
+    axis: int
+    outward: float
+    area: float
+    traction: float
+    history: History
+    grip: int
+    speed: float
+    impedance: float
+    measured: float = 0.0
+
+    def wanted(self, time: float) -> float:
+        """Traction to be held at a time [s], [Pa]."""
+        return self.traction * self.history(time)
+
+
 class Scene:
     """Bodies and loads, from which a Simulation is made."""
 
     def __init__(self) -> None:
         self.bodies: list[Body] = []
+        self.grip_histories: list[History] = [_always]
+        self.servos: list[Servo] = []
+        self.gravity: Array | None = None
 
     def add(
         self,
@@ -223,11 +269,14 @@ class Scene:
         axes: str | None = None,
         rotation: bool = True,
         angular_velocity: ArrayLike | None = None,
+        history: History | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
-        """Grip elements: they keep still, or move at a constant velocity [m/s].
+        """Grip elements: they keep still, or move at a velocity [m/s].
 
         where: mask or ids; axes: which of "xyz" are held (default: all; "" for none); rotation:
-        whether turning is held as well, still or at a constant angular_velocity [rad/s].
+        whether turning is held as well, still or at an angular_velocity [rad/s]. history: a
+        function of time [s], or (times, values) between which is interpolated, that both
+        velocities are multiplied by.
         """
         ids = self._selected(body, where)
         dim = body.packing.dim
@@ -247,20 +296,122 @@ class Scene:
             w = finite("angular_velocity", np.broadcast_to(finite("angular_velocity", w), (spins,)))
             body.held_rotation[ids] = True
             body.angular_velocity[ids] = w
+        if history is not None:
+            body.grip[ids] = len(self.grip_histories)
+            self.grip_histories.append(_history(history))
 
-    def pull(self, body: Body, where: ArrayLike, traction: ArrayLike) -> None:
-        """Load a side with a constant traction [Pa], shape (dim,), a dead load.
+    def pull(
+        self,
+        body: Body,
+        where: ArrayLike,
+        traction: ArrayLike,
+        history: History | tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        """Load a side with a traction [Pa], shape (dim,), that keeps its direction.
 
         It acts on the free surface of the chosen elements, projected on their common side.
+        history: as of `hold`; by default constant.
+        """
+        ids, area, _ = self._surface(body, where)
+        t = finite("traction", traction, (body.packing.dim,))
+        self._add_load(body, ids, area[:, None] * t, None, history)
+
+    def absorb(self, body: Body, where: ArrayLike) -> None:
+        """Let waves leave through the free surface of these elements, as if the solid went on.
+
+        Dashpots rho c_P across and rho c_S along the surface (Lysmer and Kuhlemeyer 1969): exact
+        for waves that meet it at a right angle; of others a part comes back. Of these elements the
+        half of the mass that lies outwards of the centre is left out.
         """
         ids = self._selected(body, where)
-        t = finite("traction", traction, (body.packing.dim,))
+        vector = body.packing.exposed_area[ids]
+        total, size = vector.sum(axis=0), np.linalg.norm(vector, axis=1)
+        if not (size > 1e-9 * np.linalg.norm(body.packing.exposed_area, axis=1).max()).any():
+            raise InputError("the chosen elements have no free surface through which waves leave.")
+        if np.linalg.norm(total) > 0.5 * size.sum():  # one side; corners belong to others as well
+            n = np.tile(total / np.linalg.norm(total), (len(ids), 1))
+            area = np.maximum((vector * n).sum(axis=1), 0.0)
+        else:
+            n, area = vector / np.maximum(size, 1e-300)[:, None], size
+        press, shear = (
+            np.sqrt(body.density * x)[ids, None, None]
+            for x in (body.pressure_modulus, body.shear_modulus)
+        )
+        along = n[:, :, None] * n[:, None, :]
+        across = np.eye(n.shape[1]) - along
+        # a velocity at the surface is that of the centre a little earlier, which amounts to leaving
+        # out the half of the cell beyond the centre
+        body.mass_share[ids] *= 0.5
+        body.absorbing[ids] += area[:, None, None] * (press * along + shear * across)
+
+    def set_gravity(self, acceleration: ArrayLike) -> None:
+        """A body force: this acceleration [m/s^2], (dim,), of every element of the scene."""
+        self.gravity = finite("acceleration", acceleration, (None,))
+
+    def servo(
+        self,
+        body: Body,
+        where: ArrayLike,
+        traction: float,
+        axis: str,
+        speed: float,
+        history: History | tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> "Servo":
+        """Grip a side along one axis and move it so that its mean traction [Pa] is kept.
+
+        traction: normal to the side, tension positive; axis: "x", "y" or "z"; speed [m/s]: the
+        most it moves at; history: as of `hold`, multiplies the traction. The grip's elements move
+        together along the axis and are free across it. Returns the servo, which reads its traction.
+        """
+        ids, area, direction = self._surface(body, where)
+        dim = body.packing.dim
+        if axis not in "xyz"[:dim] or len(axis) != 1:
+            raise InputError(f"axis is {axis!r}; choose one of {', '.join('xyz'[:dim])}.")
+        at = "xyz".index(axis)
+        if not abs(direction[at]) > 0.5:
+            raise InputError(f"the chosen side does not face along {axis}.")
+        positive("speed", speed, ())
+        motion = np.zeros(dim)
+        motion[at] = speed * np.sign(direction[at])
+        self.hold(body, ids, motion, axes=axis, rotation=False, history=_still)
+        servo = Servo(
+            body, ids, at, float(np.sign(direction[at])), float(area.sum()),
+            float(finite("traction", traction, ())), _history(history),
+            len(self.grip_histories) - 1, float(speed),
+            float(np.sqrt(body.density * body.pressure_modulus)[ids].mean()),
+        )  # fmt: skip
+        self.servos.append(servo)
+        return servo
+
+    def _surface(self, body: Body, where: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]:
+        """Elements, the area [m^2] of each projected on their common side, and its direction."""
+        ids = self._selected(body, where)
         exposed = body.packing.exposed_area[ids]
         total = exposed.sum(axis=0)
         size = np.linalg.norm(total)
         if not size > 1e-9 * np.linalg.norm(body.packing.exposed_area, axis=1).sum():
             raise InputError("the chosen elements have no free surface on one side to pull at.")
-        body.force[ids] += np.maximum(exposed @ (total / size), 0.0)[:, None] * t
+        return ids, np.maximum(exposed @ (total / size), 0.0), total / size
+
+    def _add_load(
+        self,
+        body: Body,
+        ids: NDArray[np.int64],
+        force: Array | None,
+        torque: Array | None,
+        history: History | tuple[ArrayLike, ArrayLike] | None,
+    ) -> None:
+        target_force, target_torque = body.force, body.torque
+        if history is not None:
+            timed = TimedLoad(
+                _history(history), np.zeros_like(body.force), np.zeros_like(body.torque)
+            )
+            body.timed_loads.append(timed)
+            target_force, target_torque = timed.force, timed.torque
+        if force is not None:
+            target_force[ids] += force
+        if torque is not None:
+            target_torque[ids] += torque
 
     def load(
         self,
@@ -268,15 +419,21 @@ class Scene:
         where: ArrayLike,
         force: ArrayLike | None = None,
         torque: ArrayLike | None = None,
+        history: History | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
-        """Load every chosen element with a constant force [N], (dim,), and torque [N m], (1,) in
-        the plane or (3,), dead loads."""
+        """Load every chosen element with a force [N], (dim,), and torque [N m], (1,) in the plane
+        or (3,), that keep their direction. history: as of `hold`; by default constant."""
         ids = self._selected(body, where)
         if force is None and torque is None:
             raise InputError("give a force, a torque or both.")
-        for name, value, target in (("force", force, body.force), ("torque", torque, body.torque)):
-            if value is not None:
-                target[ids] += finite(name, np.atleast_1d(finite(name, value)), target.shape[1:])
+        f, t = (
+            None if value is None else finite(name, np.atleast_1d(finite(name, value)), shape)
+            for name, value, shape in (
+                ("force", force, body.force.shape[1:]),
+                ("torque", torque, body.torque.shape[1:]),
+            )
+        )
+        self._add_load(body, ids, f, t, history)
 
     def set_velocity(
         self,
@@ -339,6 +496,33 @@ class Scene:
         if bad.any():
             raise InputError(f"selected ids {first_ids(bad)} lie outside 0..{n - 1}.")
         return chosen.astype(np.int64)
+
+
+def _always(_time: float) -> float:
+    return 1.0
+
+
+def _still(_time: float) -> float:
+    return 0.0
+
+
+def _history(given: History | tuple[ArrayLike, ArrayLike] | None) -> History:
+    """A function of time from what a user gives."""
+    if given is None:
+        return _always
+    if callable(given):
+        if not np.isfinite(float(given(0.0))):
+            raise InputError("the history is not finite at time 0.")
+        return given
+    try:
+        times, values = given
+    except (TypeError, ValueError):
+        raise InputError("history must be a function of time, or (times, values).") from None
+    t = finite("times of the history", times, (None,))
+    v = finite("values of the history", values, (None,))
+    if len(t) != len(v) or len(t) == 0 or (np.diff(t) <= 0.0).any():
+        raise InputError("the history's times must grow, with one value each.")
+    return lambda time: float(np.interp(time, t, v))
 
 
 def _grains(

@@ -7,9 +7,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from . import fields
+from .bond import EVMBond
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
 from .model import bond_ends, build, state_arrays, with_moving_nodes, with_nodes
-from .scene import Body, Scene
+from .scene import Body, Scene, Servo
 from .stability import bound_damping, bound_frequency, largest_frequency, link_states
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
@@ -19,6 +21,8 @@ from .trouble import Troubles
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping took
 HELD = ("kinetic", "pair", "volume", "contact", "integrator", "damping")
+SERVO_EVERY = 5  # steps between looks of a servo at its traction
+SERVO_GAIN = 0.5  # share of the lacking traction that it makes good for at a look
 GUARD_EVERY = 100  # steps between checks for non-finite numbers
 
 
@@ -136,13 +140,15 @@ class Simulation:
         assert steps is not None
         if steps < 0:
             raise InputError(f"steps is {steps}; it must not be negative.")
-        end = self._step.count + steps
+        end, servos = self._step.count + steps, self.scene.servos
         self._stopped = False
         self._call_observers()
         while self._step.count < end and not self._stopped:
             target = min([end, *(self._next_call(o) for o in self._observers)])
-            target = min(target, self._step.count + GUARD_EVERY)
+            target = min(target, self._step.count + (SERVO_EVERY if servos else GUARD_EVERY))
             began = time.perf_counter()
+            for servo in servos:
+                self._steer(servo)
             while self._step.count < target:
                 self._step.advance()
             wp.synchronize_device(self.device)
@@ -258,7 +264,58 @@ class Simulation:
     @property
     def stress(self) -> Array:
         """Average stress of every element [Pa], (n, 3, 3), tension positive; zero without faces."""
-        return stress_tensor(self._step.evaluate_stress())[: self.model.own_elements]
+        return fields.stress_tensor(self._step.evaluate_stress())[: self.model.own_elements]
+
+    @property
+    def von_mises(self) -> Array:
+        """Von Mises stress of every element [Pa], (n,)."""
+        return fields.von_mises(self.stress)
+
+    @property
+    def pressure(self) -> Array:
+        """Mean stress with its sign turned, positive in compression [Pa], (n,)."""
+        return fields.pressure(self.stress)
+
+    @property
+    def principal_stress(self) -> Array:
+        """Principal stresses of every element [Pa], greatest first, (n, 3)."""
+        return fields.principal(self.stress)
+
+    @property
+    def strain(self) -> Array:
+        """Elastic strain of every element, (n, 3, 3), in axes that the stress is given in.
+
+        Hooke's law solved for the element's average stress; of bodies with facet bonds.
+        """
+        bodies = self.scene.bodies
+        if any(isinstance(b.bond, EVMBond) for b in bodies):
+            raise InputError(
+                "the strain of elements is known with facet bonds; EVM bonds have none."
+            )
+        shear = np.concatenate([b.shear_modulus for b in bodies])
+        coupling = np.concatenate([b.coupling for b in bodies])
+        return fields.elastic_strain(self.stress, shear, coupling)
+
+    @property
+    def rotation(self) -> Array:
+        """Turn of every element since the reference state as a vector [rad], (n, 1) or (n, 3)."""
+        q = self.orientation
+        half = np.linalg.norm(q[:, :-1], axis=1)
+        sign = np.where(q[:, -1] < 0.0, -1.0, 1.0)
+        angle = 2.0 * np.arctan2(half, np.abs(q[:, -1]))
+        share = np.divide(angle, half, out=np.full(len(q), 2.0), where=half > 0.0)
+        return (sign * share)[:, None] * q[:, :-1]
+
+    @property
+    def energy_density(self) -> Array:
+        """Elastic energy of every element over its volume [J/m^3], (n,): its volume energy and half
+        that of its bonds."""
+        m, own = self.model, self.model.own_elements
+        half = np.repeat(0.5 * self.bond_energy, 2)
+        total = np.bincount(self.bonds.ravel(), half, minlength=own)
+        if m.features.has_volume:
+            total += self._step.download("volume_energy")[:own]
+        return total / m.element_volume[:own]
 
     @property
     def force(self) -> Array:
@@ -405,6 +462,17 @@ class Simulation:
 
     # -- within -----------------------------------------------------------------------------------
 
+    def _steer(self, servo: Servo) -> None:
+        """Move a servo's grip as an absorbing side under the wanted traction would: by the lack of
+        traction over the impedance rho c, which neither overshoots nor sends waves back."""
+        at = self.elements(servo.body).start + servo.ids
+        pull = -self.force[at, servo.axis].sum() * servo.outward  # the grip's on the body
+        servo.measured = float(pull / servo.area)
+        speed = (servo.wanted(self.time) - servo.measured) / servo.impedance
+        share = SERVO_GAIN * speed / servo.speed
+        self._step.servo_factors[servo.grip] = float(np.clip(share, -1.0, 1.0))
+        self._step.set_factors()
+
     def _own(self, name: str) -> Array:
         """A state array of the packings' elements, without nodes."""
         return self._step.download(name)[: self.model.own_elements].astype(np.float64)
@@ -424,9 +492,6 @@ class Simulation:
         ledger["work"] = 0.0
         if self.model.features.has_work:
             ledger["work"] += float(self._step.download("element_work").sum(dtype=np.float64))
-        if self.model.external_force is not None:
-            u = self._step.download("displacement").astype(np.float64)
-            ledger["work"] += float((self.model.external_force * u).sum())
         return ledger
 
     def _next_call(self, observer: Observer) -> int:
@@ -450,19 +515,6 @@ class Simulation:
                 )
         if self._troubles is not None:
             self._troubles.check(self._step)
-
-
-def stress_tensor(columns: ArrayLike) -> Array:
-    """Full tensors (n, 3, 3) from the columns that Step.evaluate_stress returns."""
-    c = np.asarray(columns, dtype=np.float64)
-    t = np.zeros((len(c), 3, 3))
-    if c.shape[1] == 4:
-        t[:, 0, 0], t[:, 1, 1], t[:, 2, 2] = c[:, 0], c[:, 1], c[:, 3]
-        t[:, 0, 1] = t[:, 1, 0] = c[:, 2]
-    else:
-        for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))):
-            t[:, i, j] = t[:, j, i] = c[:, column]
-    return t
 
 
 def _device(name: str) -> str:

@@ -27,9 +27,8 @@ def residual(step: Step, spacing: float) -> float:
     m = step.model
     net = np.concatenate(_net(step), axis=1) * _free(m)
     sizes = [np.abs(step.download(x)).max(initial=0.0) for x in ("end_force", "end_torque")]
-    for at, outer in enumerate((m.external_force, m.external_torque)):
-        if outer is not None:
-            sizes[at] = max(sizes[at], np.abs(outer).max())
+    for at, outer in enumerate(_outer(step)):
+        sizes[at] = max(sizes[at], np.abs(outer).max(initial=0.0))
     net[:, m.features.dim :] /= spacing
     size = max(sizes[0], sizes[1] / spacing)
     return float(np.abs(net).max(initial=0.0) / size) if size > 0.0 else 0.0
@@ -37,11 +36,21 @@ def residual(step: Step, spacing: float) -> float:
 
 def _net(step: Step) -> tuple[Array, Array]:
     """Force and torque on every element, those from outside included."""
-    force, torque = gathered(step)
-    for total, name in ((force, "external_force"), (torque, "external_torque")):
-        if name in step.arrays:
-            total += step.download(name)
-    return force, torque
+    (force, torque), (outer_force, outer_torque) = gathered(step), _outer(step)
+    return force + outer_force, torque + outer_torque
+
+
+def _outer(step: Step) -> tuple[Array, Array]:
+    """Force and torque on every element from outside, at this instant."""
+    n, dim = step.model.elements, step.model.features.dim
+    outer = np.zeros((n, dim)), np.zeros((n, 1 if dim == 2 else 3))
+    for total, kind in zip(outer, ("force", "torque"), strict=True):
+        if "external_" + kind in step.arrays:
+            total += step.download("external_" + kind)
+        if "timed_" + kind in step.arrays:
+            each = step.download("timed_" + kind).reshape(-1, *total.shape)
+            total += np.einsum("l,lnk->nk", step.download("load_factor"), each)
+    return outer
 
 
 def relax(
@@ -55,6 +64,8 @@ def relax(
     held = {name: step.download(name) for name in ("velocity", "angular_velocity")}
     for name, value in held.items():
         step.upload(name, np.zeros_like(value))
+    if "grip_factor" in step.arrays:
+        step.upload("grip_factor", np.zeros(len(m.grip_histories)))
     step.evaluate_forces()
     steer, uphill_free, worst = STEER, 0, np.inf
     for count in range(max_steps + 1):
@@ -75,6 +86,7 @@ def relax(
         else:
             keep, push, steer, uphill_free = 0.0, LIGHT * step.dt, STEER, 0
         step.relax(keep, push)
+    step.set_factors()
     fixed = ~_free(m)
     step.upload("velocity", held["velocity"] * fixed[:, : m.features.dim])
     step.upload("angular_velocity", held["angular_velocity"] * fixed[:, m.features.dim :])
@@ -105,7 +117,8 @@ def equilibrate(
     if load_steps < 1 or max_iterations < 1:
         raise InputError("load_steps and max_iterations must be at least 1.")
     m = step.model
-    names = [x for x in ("external_force", "external_torque") if getattr(m, x) is not None]
+    loads = ("external_force", "external_torque", "timed_force", "timed_torque")
+    names = [x for x in loads if getattr(m, x) is not None]
     colours, reached, worst = _colours(m), 0.0, np.inf
     advance = 1.0 / load_steps if names else 1.0
     while reached < 1.0:

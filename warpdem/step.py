@@ -41,7 +41,9 @@ OPTIONAL = frozenset(
         *("bond_arm", "bond_weight", "facet_bending", "volume_stress", "volume_stiffness"),
         *("volume_energy", "element_release", "element_work", "evm_dashpot"),
         *("damping_force", "damping_torque", "external_force", "external_torque"),
-        *("principal_moment", "principal_axes"),
+        *("principal_moment", "principal_axes", "timed_force", "timed_torque", "load_factor"),
+        *("grip", "grip_velocity", "grip_spin", "grip_factor"),
+        "absorbing_damping",
     }
 )
 # arithmetic of forces, arithmetic of places
@@ -101,6 +103,7 @@ class Step:
         self.count = 0
         self.synchronous = True
         self.integrator_released = 0.0
+        self.servo_factors: dict[int, float] = {}  # of grips that a servo moves
         self._shapes: dict[str, tuple[int, ...]] = {}
         self.arrays: dict[str, wp.array] = {}
         for name, value in (model.arrays() | state).items():
@@ -115,6 +118,7 @@ class Step:
         self._nothings: dict[type, wp.array] = {}
         self.forget_gaps()
         self._bind_step()
+        self.set_factors()
 
     # -- the outline ------------------------------------------------------------------------------
 
@@ -124,10 +128,25 @@ class Step:
         (self._start if self.synchronous else self._finish_and_start).launch()
         self.synchronous = False
         self.count += 1
+        self.set_factors()
         if self._settle and self._raised("any_crossed"):
             self._settle.launch()
         if self.model.criteria and self._raised("any_broken"):
             self.break_bonds()
+
+    def set_factors(self, time: float | None = None) -> None:
+        """Loads as at this instant, and grips' velocities as in the middle of the next step."""
+        now = self.count * self.dt if time is None else time
+        for name, histories, at in (
+            ("load_factor", self.model.load_histories, now),
+            ("grip_factor", self.model.grip_histories, now + 0.5 * self.dt),
+        ):
+            if histories:
+                values = np.array([history(at) for history in histories], dtype=np.float64)
+                if name == "grip_factor":
+                    for grip, factor in self.servo_factors.items():
+                        values[grip] = factor
+                self._write(name, values)
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
@@ -275,7 +294,7 @@ class Step:
     def _damping_passes(self) -> list[wp.Launch]:
         (s, k), m, f = self._space, self.model, self.model.features
         is_local = self.local_damping > 0.0
-        if not (f.has_dashpots or is_local):
+        if not (f.has_dashpots or is_local or f.absorbs):
             return []
         self.upload("damped_energy", np.zeros(m.elements))
         law = damp(
@@ -287,6 +306,7 @@ class Step:
             f.has_work,
             f.has_dashpots,
             is_local,
+            f.absorbs,
             self._simd,
         )
         numbers: dict[str, Any] = {
@@ -477,6 +497,7 @@ class Step:
             external,
             f.has_moments,
             f.has_work,
+            f.has_grips,
             drifts,
             elements is not None,
             self._simd,
@@ -549,6 +570,16 @@ class Step:
         view = self._flags[name]
         raised, view[0] = bool(view[0]), 0
         return raised
+
+    def _write(self, name: str, values: NDArray) -> None:
+        """Overwrite a small array, without a detour on a CPU."""
+        array = self.arrays[name]
+        if not array.device.is_cpu:
+            self.upload(name, values)
+            return
+        if name not in self._flags:
+            self._flags[name] = array.numpy()  # a view of the same memory
+        self._flags[name][:] = values
 
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))

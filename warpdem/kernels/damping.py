@@ -1,4 +1,4 @@
-"""Damping: dashpots beside EVM bonds (theory A8) and Cundall's local damping.
+"""Damping: dashpots beside EVM bonds (theory A8), Cundall's local damping, absorbing sides.
 
 It acts at once at the start of a step, on velocities of the time of the places. There it can only
 take energy away: velocity Verlet keeps a form in which kinetic energy stands alone, so a step is
@@ -13,7 +13,7 @@ import warp as wp
 from .algebra import Laws
 from .evm import evm_kinematics
 from .memory import kernel, nn
-from .motion import NO_LOADS, Loads, gather, inertia
+from .motion import Loads, gather, inertia, outer_load
 
 
 @cache
@@ -114,16 +114,18 @@ def damp(
     has_work: bool,
     has_dashpots: bool,
     is_local: bool,
+    absorbs: bool,
     simd: bool = True,
 ):
     """Pass over elements: kick by damping alone, and the energy it takes [J].
 
-    Local damping opposes each component of velocity and spin by a share of the net force or torque
-    there (Cundall 1987); it never turns a motion round.
+    Absorbing sides press back as the solid beyond would, by rho c times the speed (Lysmer and
+    Kuhlemeyer 1969). Local damping opposes each component of velocity and spin by a share of the
+    net force or torque there (Cundall 1987); it never turns a motion round.
     """
     real, rotor = s.real, inertia(s, k, has_moments)
-    load_force = gather(s, slots, external)
-    load_damping = gather(s, slots, NO_LOADS)
+    load_force, load_outer = gather(s, slots), outer_load(s, external)
+    square = wp.types.matrix((s.dim, s.dim), real)
 
     @wp.func
     def opposed(share: real, force: real, yielding: real, speed: real, dt: real) -> real:
@@ -140,12 +142,16 @@ def damp(
         principal_axes: wp.array(dtype=k.real),
         external_force: wp.array(dtype=real),
         external_torque: wp.array(dtype=real),
+        timed_force: wp.array(dtype=real),
+        timed_torque: wp.array(dtype=real),
+        load_factor: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         damping_force: wp.array(dtype=real),
         damping_torque: wp.array(dtype=real),
+        absorbing_damping: wp.array(dtype=real),
         # written
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
@@ -163,13 +169,22 @@ def damp(
         impulse = s.vec()
         twist = s.no_spin()
         if wp.static(has_dashpots):
-            f, t = load_damping(
-                i, external_force, external_torque, damping_force, damping_torque, elements
-            )
+            f, t = load_force(i, damping_force, damping_torque, elements)
             impulse = dt * f
             twist = dt * t
         if wp.static(is_local):
-            f, t = load_force(i, external_force, external_torque, end_force, end_torque, elements)
+            f, t = load_force(i, end_force, end_torque, elements)
+            outer_f, outer_t = load_outer(
+                i,
+                external_force,
+                external_torque,
+                timed_force,
+                timed_torque,
+                load_factor,
+                elements,
+            )
+            f += outer_f
+            t += outer_t
             for axis in range(wp.static(s.dim)):
                 impulse[axis] = impulse[axis] + opposed(
                     local_damping, f[axis], inv_m[axis], v[axis], dt
@@ -179,6 +194,18 @@ def damp(
             else:
                 for axis in range(3):
                     twist[axis] = twist[axis] + opposed(local_damping, t[axis], inv_j, w[axis], dt)
+        if wp.static(absorbs):
+            # implicit midpoint: in all, the central difference scheme of a damped mass
+            rate = square()
+            for row in range(wp.static(s.dim)):
+                for column in range(wp.static(s.dim)):
+                    at = nn(wp.static(s.dim) * (wp.static(s.dim) * i + row) + column)
+                    rate[row, column] = dt * inv_m[row] * absorbing_damping[at]
+            unit = wp.identity(n=wp.static(s.dim), dtype=real)
+            change = wp.inverse(unit + real(0.5) * rate) * (rate * v)
+            for axis in range(wp.static(s.dim)):
+                if inv_m[axis] != real(0.0):
+                    impulse[axis] = impulse[axis] - change[axis] / inv_m[axis]
         after = v + wp.cw_mul(inv_m, impulse)
         spin = rotor.spun(
             i, w, twist, inverse_inertia, principal_moment, principal_axes, orientation

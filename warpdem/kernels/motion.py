@@ -10,20 +10,49 @@ import warp as wp
 from .algebra import Laws, narrow, narrow_spin
 from .memory import kernel, nn
 
-Loads = tuple[bool, bool]  # whether forces, whether torques act from outside
-NO_LOADS: Loads = (False, False)
+# whether forces, whether torques act from outside, and how many loads change with time
+Loads = tuple[bool, bool, int]
+NO_LOADS: Loads = (False, False, 0)
 
 
 @cache
-def gather(s: Laws, slots: int, external: Loads):
-    """Force and torque on an element: the sum over its slots in a fixed order, never an atomic."""
+def outer_load(s: Laws, external: Loads):
+    """Force and torque on an element from outside: constant loads and those that change."""
+    real = s.real
+
+    @wp.func
+    def load_outer(
+        i: int,
+        external_force: wp.array(dtype=real),
+        external_torque: wp.array(dtype=real),
+        timed_force: wp.array(dtype=real),
+        timed_torque: wp.array(dtype=real),
+        load_factor: wp.array(dtype=real),
+        elements: int,
+    ):
+        f = s.vec()
+        t = s.no_spin()
+        if wp.static(external[0]):
+            f += s.load(external_force, i)
+        if wp.static(external[1]):
+            t += s.load_spin(external_torque, i)
+        for n in range(wp.static(external[2])):
+            f += load_factor[n] * s.load(timed_force, nn(n * elements + i))
+            t += load_factor[n] * s.load_spin(timed_torque, nn(n * elements + i))
+        return f, t
+
+    return load_outer
+
+
+@cache
+def gather(s: Laws, slots: int):
+    """Force and torque of an element's bonds: the sum over its slots in a fixed order, never an
+    atomic."""
     real = s.real
 
     @wp.func
     def load_force(
         i: int,
-        external_force: wp.array(dtype=real),
-        external_torque: wp.array(dtype=real),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         elements: int,
@@ -33,10 +62,6 @@ def gather(s: Laws, slots: int, external: Loads):
         for slot in range(wp.static(slots)):
             f += s.load(end_force, nn(slot * elements + i))
             t += s.load_spin(end_torque, nn(slot * elements + i))
-        if wp.static(external[0]):
-            f += s.load(external_force, i)
-        if wp.static(external[1]):
-            t += s.load_spin(external_torque, i)
         return f, t
 
     return load_force
@@ -179,6 +204,7 @@ def move(
     external: Loads,
     has_moments: bool,
     has_work: bool,
+    has_grips: bool,
     drifts: bool,
     is_listed: bool,
     simd: bool = True,
@@ -186,22 +212,99 @@ def move(
     """Pass over elements: finish one half kick, start the next, then drift.
 
     The halves are added one after the other, so that a run that stops between them to be observed
-    has the same bits as one that does not. `has_work` adds up the work of grips and of external
-    torques [J].
+    has the same bits as one that does not. `has_work` adds up the work of grips and of outer
+    loads [J]; `has_grips`: some grips change their velocity with time.
     """
-    real, load_force = s.real, gather(s, slots, external)
+    real, load_force, load_outer = s.real, gather(s, slots), outer_load(s, external)
     rotor = inertia(s, k, has_moments)
     widened, widened_spin = narrow(k, s), narrow_spin(k, s)
+
+    @wp.func
+    def power(
+        i: int,
+        v: s.vec,
+        w: s.spin,
+        f: s.vec,
+        t: s.spin,
+        outer_f: s.vec,
+        outer_t: s.spin,
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+    ) -> real:
+        """Power of loads, and of the grip, that takes the reaction -F of a held axis [W]."""
+        free = s.load(inverse_mass, i)
+        p = wp.dot(outer_f, v) + s.spin_dot(outer_t, w)
+        for axis in range(wp.static(s.dim)):
+            p -= wp.where(free[axis] == real(0.0), f[axis] * v[axis], real(0.0))
+        return p - wp.where(inverse_inertia[i] == real(0.0), s.spin_dot(t, w), real(0.0))
+
+    @wp.func
+    def accelerated(
+        i: int,
+        v: s.vec,
+        v_before: s.vec,
+        w: s.spin,
+        w_before: s.spin,
+        mass: wp.array(dtype=real),
+        inertia: wp.array(dtype=real),
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+    ) -> real:
+        """Kinetic energy that a grip gives its element [J] by changing its velocity."""
+        free = s.load(inverse_mass, i)
+        gain = real(0.0)
+        for axis in range(wp.static(s.dim)):
+            gain += wp.where(
+                free[axis] == real(0.0),
+                mass[i] * (v[axis] * v[axis] - v_before[axis] * v_before[axis]),
+                real(0.0),
+            )
+        gain += wp.where(
+            inverse_inertia[i] == real(0.0),
+            inertia[i] * (s.spin_squared(w) - s.spin_squared(w_before)),
+            real(0.0),
+        )
+        return real(0.5) * gain
+
+    @wp.func
+    def held_motion(
+        i: int,
+        v: s.vec,
+        w: s.spin,
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+        grip_velocity: wp.array(dtype=real),
+        grip_spin: wp.array(dtype=real),
+        grip: wp.array(dtype=int),
+        grip_factor: wp.array(dtype=real),
+    ):
+        """Velocity and spin, those of held axes as their grip has them now."""
+        free = s.load(inverse_mass, i)
+        given = s.load(grip_velocity, i)
+        factor = grip_factor[nn(grip[i])]
+        for axis in range(wp.static(s.dim)):
+            v[axis] = wp.where(free[axis] == real(0.0), factor * given[axis], v[axis])
+        turned = factor * s.load_spin(grip_spin, i)
+        return v, wp.where(inverse_inertia[i] == real(0.0), turned, w)
 
     def move(
         # model
         listed: wp.array(dtype=int),
+        mass: wp.array(dtype=real),
+        inertia: wp.array(dtype=real),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
         principal_moment: wp.array(dtype=real),
         principal_axes: wp.array(dtype=k.real),
         external_force: wp.array(dtype=real),
         external_torque: wp.array(dtype=real),
+        timed_force: wp.array(dtype=real),
+        timed_torque: wp.array(dtype=real),
+        load_factor: wp.array(dtype=real),
+        grip: wp.array(dtype=int),
+        grip_velocity: wp.array(dtype=real),
+        grip_spin: wp.array(dtype=real),
+        grip_factor: wp.array(dtype=real),
         # state read
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
@@ -220,34 +323,53 @@ def move(
         i = nn(wp.tid() + first)
         if wp.static(is_listed):
             i = nn(listed[i])
-        f, t = load_force(i, external_force, external_torque, end_force, end_torque, elements)
+        f, t = load_force(i, end_force, end_torque, elements)
+        outer_f, outer_t = load_outer(
+            i,
+            external_force,
+            external_torque,
+            timed_force,
+            timed_torque,
+            load_factor,
+            elements,
+        )
+        f += outer_f
+        t += outer_t
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
-        if wp.static(has_work):
-            held = s.load(inverse_mass, i)
-            for axis in range(wp.static(s.dim)):
-                # a held axis takes the reaction -F; its motion does work on the body
-                element_work[i] = element_work[i] - wp.where(
-                    held[axis] == real(0.0), (finish + start) * f[axis] * v[axis], real(0.0)
-                )
-            element_work[i] = element_work[i] - wp.where(
-                inverse_inertia[i] == real(0.0), (finish + start) * s.spin_dot(t, w), real(0.0)
-            )
+        v_before = v
+        w_before = w
         a = wp.cw_mul(s.load(inverse_mass, i), f)
         v = v + finish * a
         v = v + start * a
-        s.store(velocity, i, v)
         w = rotor.spun(
             i, w, finish * t, inverse_inertia, principal_moment, principal_axes, orientation
         )
         w = rotor.spun(
             i, w, start * t, inverse_inertia, principal_moment, principal_axes, orientation
         )
+        v_free = v
+        w_free = w
+        if wp.static(drifts and has_grips):
+            v, w = held_motion(
+                i, v, w, inverse_mass, inverse_inertia, grip_velocity, grip_spin, grip, grip_factor
+            )
+        s.store(velocity, i, v)
+        if wp.static(has_work):
+            # the speed of the drift before this half kick, or, to unmake one, of that after it
+            v_finish = wp.where(finish < real(0.0), v, v_before)
+            w_finish = wp.where(finish < real(0.0), w, w_before)
+            done = finish * power(
+                i, v_finish, w_finish, f, t, outer_f, outer_t, inverse_mass, inverse_inertia
+            )
+            if wp.static(drifts and has_grips):
+                done += accelerated(
+                    i, v, v_free, w, w_free, mass, inertia, inverse_mass, inverse_inertia
+                )
+            done += start * power(i, v, w, f, t, outer_f, outer_t, inverse_mass, inverse_inertia)
+            element_work[i] = element_work[i] + done
         if wp.static(drifts):
             k.store(displacement, i, k.load(displacement, i) + dt * widened(v))
-            if wp.static(external[1] and has_work):
-                pulled = s.spin_dot(s.load_spin(external_torque, i), w)
-                element_work[i] = element_work[i] + real(dt) * pulled
             if wp.static(has_moments):
                 w = rotor.tumble(
                     i, w, inverse_inertia, principal_moment, principal_axes, orientation, dt
@@ -274,7 +396,7 @@ def integrator_energies(
 
     Velocity Verlet conserves H - (dt^2/8) sum(|F|^2/m + |M|^2/J) exactly in a linear system.
     """
-    real, load_force = s.real, gather(s, slots, external)
+    real, load_force, load_outer = s.real, gather(s, slots), outer_load(s, external)
     rotor = inertia(s, k, has_moments)
 
     def integrator_energies(
@@ -286,6 +408,9 @@ def integrator_energies(
         principal_axes: wp.array(dtype=k.real),
         external_force: wp.array(dtype=real),
         external_torque: wp.array(dtype=real),
+        timed_force: wp.array(dtype=real),
+        timed_torque: wp.array(dtype=real),
+        load_factor: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
@@ -299,7 +424,18 @@ def integrator_energies(
         i = nn(t)
         if wp.static(is_listed):
             i = nn(listed[t])
-        f, m = load_force(i, external_force, external_torque, end_force, end_torque, elements)
+        f, m = load_force(i, end_force, end_torque, elements)
+        outer_f, outer_t = load_outer(
+            i,
+            external_force,
+            external_torque,
+            timed_force,
+            timed_torque,
+            load_factor,
+            elements,
+        )
+        f += outer_f
+        m += outer_t
         spin = rotor.spun(
             i, s.no_spin(), m, inverse_inertia, principal_moment, principal_axes, orientation
         )

@@ -6,13 +6,14 @@ import warp as wp
 
 from .algebra import Laws
 from .memory import kernel, nn
-from .motion import Loads, gather, inertia
+from .motion import Loads, gather, inertia, outer_load
 
 
 @cache
 def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd: bool = True):
     """Per element: power F.v [W], v.M v and F.M^-1 F, that decide how velocities are steered."""
-    real, load_force, rotor = s.real, gather(s, slots, external), inertia(s, k, has_moments)
+    real, load_force, rotor = s.real, gather(s, slots), inertia(s, k, has_moments)
+    load_outer = outer_load(s, external)
 
     def fire_power(
         # model
@@ -24,6 +25,9 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
         principal_axes: wp.array(dtype=k.real),
         external_force: wp.array(dtype=real),
         external_torque: wp.array(dtype=real),
+        timed_force: wp.array(dtype=real),
+        timed_torque: wp.array(dtype=real),
+        load_factor: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
         velocity: wp.array(dtype=real),
@@ -37,7 +41,18 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
         elements: int,
     ):
         i = nn(wp.tid())
-        f, t = load_force(i, external_force, external_torque, end_force, end_torque, elements)
+        f, t = load_force(i, end_force, end_torque, elements)
+        outer_f, outer_t = load_outer(
+            i,
+            external_force,
+            external_torque,
+            timed_force,
+            timed_torque,
+            load_factor,
+            elements,
+        )
+        f += outer_f
+        t += outer_t
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
         spin = rotor.spun(
@@ -54,7 +69,8 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
 @cache
 def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd: bool = True):
     """Pass over elements: v <- keep v + push M^-1 F."""
-    real, load_force, rotor = s.real, gather(s, slots, external), inertia(s, k, has_moments)
+    real, load_force, rotor = s.real, gather(s, slots), inertia(s, k, has_moments)
+    load_outer = outer_load(s, external)
 
     def fire(
         # model
@@ -64,6 +80,9 @@ def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd:
         principal_axes: wp.array(dtype=k.real),
         external_force: wp.array(dtype=real),
         external_torque: wp.array(dtype=real),
+        timed_force: wp.array(dtype=real),
+        timed_torque: wp.array(dtype=real),
+        load_factor: wp.array(dtype=real),
         # state read
         relaxing_mix: wp.array(dtype=real),
         orientation: wp.array(dtype=k.real),
@@ -77,7 +96,18 @@ def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd:
         i = nn(wp.tid())
         keep = relaxing_mix[0]
         push = relaxing_mix[1]
-        f, t = load_force(i, external_force, external_torque, end_force, end_torque, elements)
+        f, t = load_force(i, end_force, end_torque, elements)
+        outer_f, outer_t = load_outer(
+            i,
+            external_force,
+            external_torque,
+            timed_force,
+            timed_torque,
+            load_factor,
+            elements,
+        )
+        f += outer_f
+        t += outer_t
         a = wp.cw_mul(s.load(inverse_mass, i), f)
         s.store(velocity, i, keep * s.load(velocity, i) + push * a)
         w = keep * s.load_spin(angular_velocity, i)

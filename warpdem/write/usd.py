@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from ..errors import Array, InputError, one_of
+from ..fields import pressure, von_mises
 from .whole import folder, whole
 
 if TYPE_CHECKING:
@@ -111,12 +112,10 @@ class UsdWriter:
 
     def _write_elements(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
         stress = sim.stress
-        mean = np.trace(stress, axis1=1, axis2=2) / 3.0
-        deviator = stress - mean[:, None, None] * np.eye(3)
         fields = {
             "velocity": _in_space(sim.velocity),
-            "mean_stress": mean,
-            "von_mises": np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))),
+            "mean_stress": -pressure(stress),
+            "von_mises": von_mises(stress),
             "damage": sim.damage,
         }
         self._points.GetPointsAttr().Set(_vectors(place), time)
