@@ -168,8 +168,8 @@ def test_unlike_neighbours_share_a_face_of_its_own():
 
 @pytest.mark.parametrize(
     ("name", "limit"),
-    # On a lattice faces are in the middle of their bonds: exact but for what the surface does, which
-    # dies out (materials differ by 1e-9). Voronoi faces are off the centre line: 1 %.
+    # On a lattice faces are in the middle of their bonds: exact but for what the surface does,
+    # which dies out (materials differ by 1e-9). Voronoi faces are off the centre line: 1 %.
     [("hexagonal", 1e-4), ("fcc", 1e-4), ("voronoi", 0.012)],
 )
 def test_faces_of_their_own_in_uniform_strain(name, limit):
