@@ -50,6 +50,6 @@ ax.set(
     ylabel="spin about own axis [rad/s]",
     title="A free body spun about its middle axis (dashed: theory's half periods)",
 )
-ax.legend(loc="lower right")
+fig.legend(loc="outside lower center", ncols=3)
 fig.savefig(OUT / "tumbling_body.png", dpi=130)
 print(f"picture in {OUT / 'tumbling_body.png'}")

@@ -89,7 +89,10 @@ def test_import_keeps_ids(tmp_path):
         ("x,y\n0,0\n1,0\n", "i,j\n0,1\n", "neither radius nor volume"),
         ("x,y,radius\n0,0,a\n", "i,j\n0,1\n", "not a table of numbers"),
         ("x,y,radius\n0,0,1\n1,0,1\n", "i,j\n0,0.5\n", "whole numbers"),
-        ("x,y,radius\n0,0,1\n1,0,1\n", "a,b\n0,1\n", "lacks i, j"),
+        ("x,y,radius\n0,0,1\n1,0,1\n", "a,b\n0,1\n", "mean nothing here: a, b"),
+        ("x,y,radius\n0,0,1\n1,0,1\n", "i\n0\n1\n", "lacks j"),
+        ("ID,x,y,radius\n1,0,0,1\n2,1,0,1\n", "i,j\n1,2\n", "mean nothing here: ID"),
+        ("x,y,radius\n", "i,j\n0,1\n", "no rows"),
     ],
 )
 def test_bad_files_are_refused(tmp_path, particles, bonds, words):
@@ -97,6 +100,17 @@ def test_bad_files_are_refused(tmp_path, particles, bonds, words):
     (tmp_path / "b.csv").write_text(bonds)
     with pytest.raises(wd.InputError, match=words):
         wd.packing.load(tmp_path / "p.csv", tmp_path / "b.csv")
+
+
+def test_a_spreadsheets_mark_does_not_hide_the_ids(tmp_path):
+    (tmp_path / "p.csv").write_text("id,x,y,radius\n2,0,0,1\n1,1,0,1\n", encoding="utf-8-sig")
+    (tmp_path / "b.csv").write_text("i,j\n1,2\n")
+    p = wd.packing.load(tmp_path / "p.csv", tmp_path / "b.csv")
+    assert p.ids.tolist() == [2, 1] and p.index([1]).tolist() == [1]
+    with pytest.raises(wd.InputError, match="no element has the ids"):
+        p.index([3])
+    with pytest.raises(wd.InputError, match="not a table"):
+        wd.packing.load(tmp_path / "missing.csv", tmp_path / "b.csv")
 
 
 def test_bad_builders_are_refused():

@@ -20,7 +20,7 @@ def scene():
     ("act", "says"),
     [
         (lambda s, b: s.hold(b, []), "selection is empty"),
-        (lambda s, b: s.hold(b, [0, 1000]), "selected ids 1 lie outside"),
+        (lambda s, b: s.hold(b, [0, 1000]), "selected ids 1000 lie outside"),
         (lambda s, b: s.hold(b, np.zeros(3, bool)), "the mask has shape"),
         (lambda s, b: s.hold(b, [0], axes="q"), "axes is 'q'"),
         (lambda s, b: s.hold(b, [0], velocity=(np.inf, 0)), "velocity is not finite"),

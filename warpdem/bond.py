@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from .errors import Array, InputError, finite, first_ids, positive
 from .material import Material
-from .section import Section
+from .section import Section, check_section
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,7 @@ class EVMBond:
 
         shear_coefficient: k, by default the section's own.
         """
+        check_section(section)
         k = shear_coefficient
         k = section.shear_coefficient(material.poisson) if k is None else k
         if not 0.0 < finite("shear_coefficient", k, ()) <= 1.0:
@@ -91,6 +92,7 @@ class EVMBond:
         more: dict[str, Any],
     ) -> "EVMBond":
         a = positive("length", length)
+        check_section(section)
         e_j = material.young * section.second_moment
         phi = compliance * section.second_moment / (section.area * a**2)
         return cls(
@@ -108,6 +110,7 @@ class EVMBond:
     ) -> "EVMBond":
         """A glue disc shorter than it is thick, held from shrinking sideways (Kuzkin 16)."""
         a = positive("length", length)
+        check_section(section)
         nu = material.poisson
         if nu > 0.499:
             raise InputError(
@@ -130,6 +133,7 @@ class EVMBond:
     ) -> "EVMBond":
         """The parallel bond of Potyondy and Cundall 2004, of normal and shear stiffness k_n and
         k_s [Pa/m] an area (theory A6)."""
+        check_section(section)
         k_n, k_s = positive("normal", normal), finite("shear", shear)
         return cls(
             longitudinal=k_n * section.area,

@@ -650,8 +650,11 @@ def _add_laws(model: Model, stored: list[Body], two_shear: Array, faces: _Faces)
         if model.features.has_dashpots:
             # eta = 2 zeta sqrt(c m), m that of the two elements in series (theory A8)
             both = np.stack([model.bond_i, model.bond_j])[:, model.facet_bonds :]
-            inertias = [1.0 / (1.0 / x[both]).sum(axis=0) for x in (model.mass, model.inertia)]
-            root = np.sqrt(np.stack([inertias[0]] * 2 + [inertias[1]] * 2, axis=1))
+            arm = model.evm_offset.T + 0.5 * model.evm_length
+            mass, turning = 1.0 / model.mass[both], 1.0 / model.inertia[both]
+            # across the bond an end also yields by turning
+            yielding = [mass, mass + arm**2 * turning, turning, turning]
+            root = np.sqrt(1.0 / np.stack([y.sum(axis=0) for y in yielding], axis=1))
             model.evm_dashpot = np.concatenate(dashpot) * root
 
 

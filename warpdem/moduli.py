@@ -151,6 +151,10 @@ def lattice_bond(
         **more,  # type: ignore[arg-type]
     )
     if lattice_moduli(packing, bond).anisotropy > 1e-6:
+        if material.poisson == 0.0:
+            raise InputError(
+                "this lattice is isotropic at no stiffness of its bonds; take another."
+            )
         raise InputError(
             f"this lattice of nearest neighbours is isotropic at Poisson's ratio 0 alone, not at "
             f"{material.poisson:g}: take bonds to second neighbours (neighbours=2) or another "
@@ -167,7 +171,7 @@ def periodic_moduli(packing: Packing, bond: EVMBond) -> Moduli:
     """
     if packing.period is None:
         raise InputError("this packing is not periodic; build it with periodic=True.")
-    return _Cell(packing, bond.offset).moduli(bond.stiffnesses(len(packing.bonds)))
+    return _Cell(packing).moduli(bond.stiffnesses(len(packing.bonds)))
 
 
 @dataclass(frozen=True)
@@ -190,14 +194,12 @@ def calibrate(
     packing: Packing,
     material: Material,
     bond_radius: float | None = None,
-    offset: float = 0.0,
     tell: Callable[[str], None] | None = print,
 ) -> Calibration:
     """The EVM bonds with which a disordered periodic packing has a material's E and nu.
 
     The cell is relaxed under the independent strains for some ten ratios of shear to longitudinal
-    stiffness. bond_radius [m]: r of all bonds, by default half the spacing; offset [m]: R of all
-    bonds; tell: called with a line for every relaxation, None for silence.
+    stiffness. bond_radius [m]: r of all bonds, by default half the spacing; tell: called with a line for every relaxation, None for silence.
 
     Raises InputError if no ratio gives the wanted Poisson's ratio.
     """
@@ -205,7 +207,7 @@ def calibrate(
 
     if packing.period is None:
         raise InputError("this packing is not periodic; build it with periodic=True.")
-    cell = _Cell(packing, offset)
+    cell = _Cell(packing)
     r = 0.5 * packing.spacing if bond_radius is None else bond_radius
     positive("bond_radius", r, ())
     found: dict[float, Moduli] = {}
@@ -256,15 +258,14 @@ class _Cell:
     + strain.x_ij, and c_B, c_T across and along of th_j - th_i.
     """
 
-    def __init__(self, packing: Packing, offset) -> None:
+    def __init__(self, packing: Packing) -> None:
         from scipy.sparse import coo_array
 
         self.packing, dim = packing, packing.dim
         spins = 1 if dim == 2 else 3
         width, n, b = dim + spins, len(packing), len(packing.bonds)
         self.length = packing.bond_length
-        ends = EVMBond(1.0, 0.0, 0.0, offset=offset).ends(b)
-        half = ends + 0.5 * (self.length - ends.sum(axis=1))[:, None]
+        half = np.repeat(0.5 * self.length[:, None], 2, axis=1)  # whatever equal offsets are
         normal = packing.bond_vector / self.length[:, None]
         self.normal = normal
         rows, columns, values = [], [], []

@@ -494,7 +494,8 @@ class Scene:
             raise InputError("the selection is empty; choose at least one element.")
         bad = (chosen < 0) | (chosen >= n)
         if bad.any():
-            raise InputError(f"selected ids {first_ids(bad)} lie outside 0..{n - 1}.")
+            wrong = ", ".join(map(str, np.unique(chosen[bad])[:5]))
+            raise InputError(f"selected ids {wrong} lie outside 0..{n - 1}.")
         return chosen.astype(np.int64)
 
 

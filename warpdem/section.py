@@ -30,6 +30,12 @@ class Section(Protocol):
         """k of Timoshenko's beam."""
 
 
+def check_section(section: object) -> None:
+    """Refuse what is no cross section."""
+    if not hasattr(section, "second_moment"):
+        raise InputError(f"section is {section!r}; give a Circle, a Tube or a Rectangle.")
+
+
 @dataclass(frozen=True)
 class Circle:
     """A solid circle of a radius [m]."""

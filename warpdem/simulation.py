@@ -63,6 +63,8 @@ class Simulation:
         trouble: str = "warn",
         simd: bool = True,
     ) -> None:
+        if not isinstance(scene, Scene):
+            raise InputError(f"Simulation takes a Scene, not {type(scene).__name__}.")
         one_of("precision", precision, PRECISIONS)
         one_of("trouble", trouble, ("warn", "stop"))
         if not 0.0 <= finite("local_damping", local_damping, ()) < 1.0:
@@ -111,7 +113,7 @@ class Simulation:
         self._step.evaluate_forces()
         self._troubles = None
         if self.model.evm_bonds:
-            self._troubles = Troubles(self.model, stops=trouble == "stop")
+            self._troubles = Troubles(self.model, self._ids(), stops=trouble == "stop")
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
         self._stopped = False
@@ -127,7 +129,7 @@ class Simulation:
         self._observers.append(observer)
         return observer
 
-    def run(self, until: float | None = None, steps: int | None = None) -> None:
+    def run(self, *, until: float | None = None, steps: int | None = None) -> None:
         """Run until a time [s] or for a number of steps, or until an observer calls `stop`.
 
         Raises NonFiniteError naming element, step and dt if numbers stop being finite; nothing
@@ -137,9 +139,8 @@ class Simulation:
             raise InputError("give either until (a time in seconds) or steps.")
         if until is not None:
             steps = max(0, round((float(finite("until", until, ())) - self.time) / self.dt))
-        assert steps is not None
-        if steps < 0:
-            raise InputError(f"steps is {steps}; it must not be negative.")
+        if not isinstance(steps, int | np.integer) or steps < 0:
+            raise InputError(f"steps is {steps!r}; give a whole number, not negative.")
         end, servos = self._step.count + steps, self.scene.servos
         self._stopped = False
         self._call_observers()
@@ -160,18 +161,21 @@ class Simulation:
             observer.finish(self)
 
     def relax(
-        self, tolerance: float = 1e-6, max_steps: int = 100_000, tell: Telling | None = None
+        self, tolerance: float | None = None, max_steps: int = 100_000, tell: Telling | None = None
     ) -> float:
         """Bring the scene to rest by steered motion (FIRE), on the device.
 
         Grips stand still, no bond breaks and no time passes. tolerance: greatest net force over the
-        greatest bond force; tell: called with the step and that residual from time to time. Returns
+        greatest bond force, by default 1e-6, 1e-5 in mixed and 1e-3 in float32; tell: called with the step and that residual from time to time. Returns
         the residual; the energy ledger starts anew. Raises NotConvergedError.
         """
+        if tolerance is None:
+            tolerance = {"float64": 1e-6, "mixed": 1e-5, "float32": 1e-3}[self.precision]
         self._step.synchronise()
-        found = relax(self._step, self._spacing, tolerance, max_steps, tell)
-        self._start_anew()
-        return found
+        try:
+            return relax(self._step, self._spacing, tolerance, max_steps, tell)
+        finally:
+            self._start_anew()
 
     def equilibrate(
         self,
@@ -186,9 +190,12 @@ class Simulation:
         where the method does not converge in max_iterations. The rest as `relax`.
         """
         self._step.synchronise()
-        found = equilibrate(self._step, self._spacing, tolerance, max_iterations, load_steps, tell)
-        self._start_anew()
-        return found
+        try:
+            return equilibrate(
+                self._step, self._spacing, tolerance, max_iterations, load_steps, tell
+            )
+        finally:
+            self._start_anew()
 
     def natural_frequencies(self, count: int = 6) -> Array:
         """Lowest angular frequencies [rad/s] of small motions about the current state, (count,).
@@ -197,7 +204,11 @@ class Simulation:
         exp(|omega| t): the state is unstable, as a column above its buckling load.
         """
         self._step.synchronise()
-        return natural_frequencies(self._step, self._spacing, count)
+        try:
+            return natural_frequencies(self._step, self._spacing, count)
+        finally:  # what looking about left in the books of unlinked pairs
+            self._step.forget_gaps()
+            self._step.evaluate_forces()
 
     def stop(self) -> None:
         """End the run after the current call of observers."""
@@ -362,6 +373,8 @@ class Simulation:
 
     def elements(self, body: Body) -> slice:
         """The elements of a body among those of the simulation."""
+        if id(body) not in self._elements:
+            raise InputError("this body is not in the simulation's scene.")
         return self._elements[id(body)]
 
     def broken_bonds(self) -> NDArray[np.void]:
@@ -445,7 +458,14 @@ class Simulation:
         given = {}
         for name, value in arrays.items():
             one_of("state", name, ("displacement", "orientation", "velocity", "angular_velocity"))
-            given[name] = finite(name, value, self._own(name).shape)
+            now, own = self._own(name), slice(0, self.model.own_elements)
+            given[name] = finite(name, value, now.shape)
+            if name == "velocity":  # grips keep theirs
+                held = self.model.inverse_mass[own] == 0.0
+                given[name] = np.where(held, now, given[name])
+            if name == "angular_velocity":
+                held = self.model.inverse_inertia[own, None] == 0.0
+                given[name] = np.where(held, now, given[name])
             if name == "orientation":
                 bad = np.abs(np.linalg.norm(given[name], axis=1) - 1.0) > 1e-6
                 if bad.any():
@@ -472,6 +492,11 @@ class Simulation:
         share = SERVO_GAIN * speed / servo.speed
         self._step.servo_factors[servo.grip] = float(np.clip(share, -1.0, 1.0))
         self._step.set_factors()
+
+    def _ids(self) -> NDArray[np.int64]:
+        """The packings' own ids, or the order of elements where these clash."""
+        ids = np.concatenate([b.packing.ids for b in self.scene.bodies])
+        return ids if len(np.unique(ids)) == len(ids) else np.arange(len(ids))
 
     def _own(self, name: str) -> Array:
         """A state array of the packings' elements, without nodes."""

@@ -34,6 +34,19 @@ def residual(step: Step, spacing: float) -> float:
     return float(np.abs(net).max(initial=0.0) / size) if size > 0.0 else 0.0
 
 
+def _refuse_flight(step: Step) -> None:
+    """Raise if loads push a body along an axis on which nothing is held."""
+    outer = _outer(step)[0]
+    free = (step.model.inverse_mass > 0.0).all(axis=0)
+    push, size = np.abs(outer.sum(axis=0)), np.abs(outer).sum()
+    if (free & (push > 1e-9 * size)).any():
+        axes = ", ".join("xyz"[a] for a in np.flatnonzero(free & (push > 1e-9 * size)))
+        raise NotConvergedError(
+            f"the loads push the scene along {axes}, where nothing is held: it has no place of "
+            "rest; hold some elements."
+        )
+
+
 def _net(step: Step) -> tuple[Array, Array]:
     """Force and torque on every element, those from outside included."""
     (force, torque), (outer_force, outer_torque) = gathered(step), _outer(step)
@@ -60,12 +73,12 @@ def relax(
 
     Returns the residual over the size of the bond forces; raises NotConvergedError.
     """
-    m = step.model
+    _refuse_flight(step)
     held = {name: step.download(name) for name in ("velocity", "angular_velocity")}
     for name, value in held.items():
         step.upload(name, np.zeros_like(value))
     if "grip_factor" in step.arrays:
-        step.upload("grip_factor", np.zeros(len(m.grip_histories)))
+        step.upload("grip_factor", np.zeros(len(step.model.grip_histories)))
     step.evaluate_forces()
     steer, uphill_free, worst = STEER, 0, np.inf
     for count in range(max_steps + 1):
@@ -87,16 +100,21 @@ def relax(
             keep, push, steer, uphill_free = 0.0, LIGHT * step.dt, STEER, 0
         step.relax(keep, push)
     step.set_factors()
-    fixed = ~_free(m)
-    step.upload("velocity", held["velocity"] * fixed[:, : m.features.dim])
-    step.upload("angular_velocity", held["angular_velocity"] * fixed[:, m.features.dim :])
+    _stop(step, held)
     if not worst <= tolerance:
         raise NotConvergedError(
             f"after {max_steps} steps of relaxation the net force is {worst:.3g} of the bond "
-            f"forces, above {tolerance:.3g}; allow more max_steps, or use "
+            f"forces, above {tolerance:.3g}; allow more max_steps, or, in float64, use "
             "Simulation.equilibrate, which slender bodies need."
         )
     return worst
+
+
+def _stop(step: Step, velocities: dict[str, NDArray]) -> None:
+    """Free axes stand still; grips have their velocities."""
+    dim, fixed = step.model.features.dim, ~_free(step.model)
+    step.upload("velocity", velocities["velocity"] * fixed[:, :dim])
+    step.upload("angular_velocity", velocities["angular_velocity"] * fixed[:, dim:])
 
 
 def equilibrate(
@@ -119,27 +137,32 @@ def equilibrate(
     m = step.model
     loads = ("external_force", "external_torque", "timed_force", "timed_torque")
     names = [x for x in loads if getattr(m, x) is not None]
+    _refuse_flight(step)
     colours, reached, worst = _colours(m), 0.0, np.inf
     advance = 1.0 / load_steps if names else 1.0
-    while reached < 1.0:
-        start = {name: step.download(name) for name in ("displacement", "orientation")}
-        load = min(1.0, reached + advance)
-        for name in names:
-            step.upload(name, getattr(m, name) * load)
-        worst = _find_rest(step, spacing, colours, tolerance, max_iterations, tell)
-        if worst <= tolerance:
-            reached, advance = load, 1.5 * advance
-            continue
-        advance *= 0.5
-        if not names or advance < SMALLEST:
+    _stop(step, {name: step.download(name) for name in ("velocity", "angular_velocity")})
+    try:
+        while reached < 1.0:
+            start = {name: step.download(name) for name in ("displacement", "orientation")}
+            load = min(1.0, reached + advance)
             for name in names:
-                step.upload(name, getattr(m, name))
-            raise NotConvergedError(
-                f"Newton's method stopped at a net force of {worst:.3g} of the bond forces, above "
-                f"{tolerance:.3g}, at {load:.2%} of the loads; hold the body where it can move "
-                "freely, take more load_steps, or a tolerance that rounding allows."
-            )
-        _displace(step, np.zeros_like(_free(m), dtype=float), start)
+                step.upload(name, getattr(m, name) * load)
+            worst = _find_rest(step, spacing, colours, tolerance, max_iterations, tell)
+            if worst <= tolerance:
+                reached, advance = load, 1.5 * advance
+                continue
+            advance *= 0.5
+            if not names or advance < SMALLEST:
+                raise NotConvergedError(
+                    f"Newton's method stopped at a net force of {worst:.3g} of the bond forces, "
+                    f"above {tolerance:.3g}, at {load:.2%} of the loads; hold the body where it "
+                    "can move freely, take more load_steps, or a tolerance that rounding allows; "
+                    "cut bonds in contact need Simulation.relax."
+                )
+            _displace(step, np.zeros_like(_free(m), dtype=float), start)
+    finally:
+        for name in names:
+            step.upload(name, getattr(m, name))
     return worst
 
 
@@ -181,8 +204,8 @@ def natural_frequencies(step: Step, spacing: float, count: int) -> Array:
 
     m = step.model
     free = np.flatnonzero(_free(m))
-    if count < 1 or len(free) == 0:
-        raise InputError("nothing in this scene can move, or count is below 1.")
+    if int(count) != count or count < 1 or len(free) == 0:
+        raise InputError("nothing in this scene can move, or count is not a whole number above 0.")
     matrix = tangent(step, spacing)[free][:, free]
     matrix = 0.5 * (matrix + matrix.T)
     masses = _masses(m, step.download("orientation"))
@@ -195,6 +218,11 @@ def natural_frequencies(step: Step, spacing: float, count: int) -> Array:
         shift = -1e-6 * abs(matrix.diagonal() / whole.diagonal()).max()
         square = eigsh(matrix.tocsc(), count, whole, sigma=shift, return_eigenvectors=False)
     square = np.sort(square)
+    # rigid motions, but for rounding
+    greatest = float(
+        np.abs(matrix.diagonal() / np.concatenate([np.diag(x) for x in masses])[free]).max()
+    )
+    square[np.abs(square) < 1e-13 * greatest] = 0.0
     return np.sign(square) * np.sqrt(np.abs(square))
 
 
@@ -265,7 +293,9 @@ def _tangent(step: Step, spacing: float, colours: NDArray[np.int64]):
             rows.append((touched.indices[:, None] * width + np.arange(width)).ravel())
             columns.append(np.repeat(owner * width + axis, width))
             values.append(block.ravel())
-    _displace(step, np.zeros((n, width)), start)
+    for name, value in start.items():  # to the bit
+        step.upload(name, value)
+    step.evaluate_forces()
     return coo_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
         shape=(n * width, n * width),

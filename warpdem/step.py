@@ -251,6 +251,8 @@ class Step:
         """Put an array on the device under its name, or overwrite the one that is there."""
         if value.dtype.kind in "iu":
             dtype = wp.int32
+        elif name in ("element_work", "damped_energy"):
+            dtype = wp.float64
         else:
             dtype = self.place if name in PLACES else self.real
         flat = np.ascontiguousarray(value, dtype=wp.dtype_to_numpy(dtype)).ravel()

@@ -41,9 +41,9 @@ def bend_limit(stiffness: Array) -> Array:
 class Troubles:
     """Which EVM bonds of a simulation were found in trouble; each is told of once a kind."""
 
-    def __init__(self, model: Model, stops: bool) -> None:
+    def __init__(self, model: Model, ids: NDArray[np.int64], stops: bool) -> None:
         assert model.evm_stiffness is not None
-        self._model, self._stops = model, stops
+        self._model, self._ids, self._stops = model, ids, stops
         stiffness = model.evm_stiffness
         shape = (len(KINDS), len(stiffness))
         self._limit = np.empty(shape)
@@ -90,8 +90,9 @@ class Troubles:
         m = self._model
         shown = []
         for b, x in list(zip(ids, size, strict=True))[:5]:
+            i, j = self._ids[[m.bond_i[b], m.bond_j[b]]]
             how = f"to {x:.2g} of its length" if kind == "crushed" else f"by {degrees(x):.0f} deg"
-            shown.append(f"{b - m.nodes} (elements {m.bond_i[b]} and {m.bond_j[b]}) {how}")
+            shown.append(f"{b - m.nodes} (elements {i} and {j}) {how}")
         more = f" and {len(ids) - 5} more" if len(ids) > 5 else ""
         return (
             f"at step {step} these EVM bonds are {kind} beyond the range of their energy: "

@@ -27,11 +27,18 @@ def dashpot(s: Laws) -> Laws:
         along = wp.dot(n, slip)
         return eta[1] * slip + (eta[0] - eta[1]) * along * n
 
+    if s.dim == 2:
+
+        @wp.func
+        def torque_plane(eta: vec4, n: s.vec, w: s.spin) -> s.spin:
+            """Torque on i [N m] of the relative spin: of bending alone."""
+            return eta[2] * w
+
+        return Laws(force=force, torque=torque_plane)
+
     @wp.func
     def torque(eta: vec4, n: s.vec, w: s.spin) -> s.spin:
         """Torque on i [N m] of the relative spin, eta_b across and eta_t along the bond."""
-        if wp.static(s.dim == 2):
-            return eta[2] * w
         return eta[2] * w + (eta[3] - eta[2]) * wp.dot(n, w) * n
 
     return Laws(force=force, torque=torque)
@@ -155,8 +162,8 @@ def damp(
         # written
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
-        damped_energy: wp.array(dtype=real),
-        element_work: wp.array(dtype=real),
+        damped_energy: wp.array(dtype=wp.float64),
+        element_work: wp.array(dtype=wp.float64),
         local_damping: real,
         dt: real,
         elements: int,
@@ -172,28 +179,6 @@ def damp(
             f, t = load_force(i, damping_force, damping_torque, elements)
             impulse = dt * f
             twist = dt * t
-        if wp.static(is_local):
-            f, t = load_force(i, end_force, end_torque, elements)
-            outer_f, outer_t = load_outer(
-                i,
-                external_force,
-                external_torque,
-                timed_force,
-                timed_torque,
-                load_factor,
-                elements,
-            )
-            f += outer_f
-            t += outer_t
-            for axis in range(wp.static(s.dim)):
-                impulse[axis] = impulse[axis] + opposed(
-                    local_damping, f[axis], inv_m[axis], v[axis], dt
-                )
-            if wp.static(s.dim == 2):
-                twist = twist + opposed(local_damping, t, inv_j, w, dt)
-            else:
-                for axis in range(3):
-                    twist[axis] = twist[axis] + opposed(local_damping, t[axis], inv_j, w[axis], dt)
         if wp.static(absorbs):
             # implicit midpoint: in all, the central difference scheme of a damped mass
             rate = square()
@@ -210,15 +195,48 @@ def damp(
         spin = rotor.spun(
             i, w, twist, inverse_inertia, principal_moment, principal_axes, orientation
         )
+        if wp.static(is_local):
+            # against what the dashpots leave: together they could turn a motion round
+            f, t = load_force(i, end_force, end_torque, elements)
+            outer_f, outer_t = load_outer(
+                i,
+                external_force,
+                external_torque,
+                timed_force,
+                timed_torque,
+                load_factor,
+                elements,
+            )
+            f += outer_f
+            t += outer_t
+            local = s.vec()
+            for axis in range(wp.static(s.dim)):
+                local[axis] = opposed(local_damping, f[axis], inv_m[axis], after[axis], dt)
+            brake = s.no_spin()
+            if wp.static(s.dim == 2):
+                brake = opposed(local_damping, t, inv_j, spin, dt)
+            else:
+                yielding = inv_j
+                if wp.static(has_moments):
+                    least = wp.min(s.load(principal_moment, i))
+                    yielding = wp.where(inv_j == real(0.0), real(0.0), real(1.0) / least)
+                for axis in range(3):
+                    brake[axis] = opposed(local_damping, t[axis], yielding, spin[axis], dt)
+            impulse = impulse + local
+            twist = twist + brake
+            after = after + wp.cw_mul(inv_m, local)
+            spin = rotor.spun(
+                i, spin, brake, inverse_inertia, principal_moment, principal_axes, orientation
+            )
         taken = -real(0.5) * (wp.dot(impulse, v + after) + s.spin_dot(twist, w + spin))
-        damped_energy[i] = damped_energy[i] + taken
+        damped_energy[i] = damped_energy[i] + wp.float64(taken)
         if wp.static(has_work):
             # a grip takes the dashpots' reaction
             grip = real(0.0)
             for axis in range(wp.static(s.dim)):
                 grip += wp.where(inv_m[axis] == real(0.0), impulse[axis] * v[axis], real(0.0))
             grip += wp.where(inv_j == real(0.0), s.spin_dot(twist, w), real(0.0))
-            element_work[i] = element_work[i] - grip
+            element_work[i] = element_work[i] - wp.float64(grip)
         s.store(velocity, i, after)
         s.store_spin(angular_velocity, i, spin)
 

@@ -313,7 +313,7 @@ def move(
         angular_velocity: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
-        element_work: wp.array(dtype=real),
+        element_work: wp.array(dtype=wp.float64),
         finish: real,
         start: real,
         dt: k.real,
@@ -367,7 +367,7 @@ def move(
                     i, v, v_free, w, w_free, mass, inertia, inverse_mass, inverse_inertia
                 )
             done += start * power(i, v, w, f, t, outer_f, outer_t, inverse_mass, inverse_inertia)
-            element_work[i] = element_work[i] + done
+            element_work[i] = element_work[i] + wp.float64(done)
         if wp.static(drifts):
             k.store(displacement, i, k.load(displacement, i) + dt * widened(v))
             if wp.static(has_moments):

@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 from math import pi, sqrt
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, finite, positive
-from ..section import Section
+from ..errors import Array, InputError, finite, first_ids, positive
+from ..section import Section, check_section
 from .packing import Mask, Packing
 
 Curve = Callable[[float], ArrayLike] | ArrayLike
@@ -37,6 +38,8 @@ def network(
     n = len(x)
     pairs = np.asarray(bonds)
     numbers = None if ids is None else np.asarray(ids)
+    if numbers is not None and numbers.shape != (n,):
+        raise InputError(f"ids has shape {numbers.shape}; give one for each of {n} elements.")
     if numbers is not None and pairs.size:
         pairs = _places(numbers, pairs)
     return Packing(
@@ -69,8 +72,7 @@ def filament(
     length, as a sphere's; with rod_inertia (in space) also in torsion, about the rod's own axis,
     which costs a few times more in motion. Sides: "start" and "end" of an open rod.
     """
-    if bonds < (3 if closed else 1):
-        raise InputError(f"bonds is {bonds}; a rod takes at least 1, a closed one 3.")
+    _count("bonds", bonds, 3 if closed else 1)
     x = _even(curve, bonds, closed)
     n, dim = x.shape
     pairs = np.stack([np.arange(bonds), np.arange(1, bonds + 1) % n], axis=1)
@@ -107,13 +109,12 @@ def ring(
     """A closed circular rod about the origin, radius [m]; with a plane in the plane, else in space
     about z."""
     positive("radius", radius, ())
-    angle = 2.0 * pi * np.arange(bonds) / max(bonds, 1)
+    _count("bonds", bonds, 3)
+    angle = 2.0 * pi * np.arange(bonds) / bonds
     x = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if plane is None:
         x = np.concatenate([x, np.zeros((bonds, 1))], axis=1)
-    pairs = np.stack([np.arange(bonds), (np.arange(bonds) + 1) % max(bonds, 1)], axis=1)
-    if bonds < 3:
-        raise InputError(f"bonds is {bonds}; a ring takes at least 3.")
+    pairs = np.stack([np.arange(bonds), (np.arange(bonds) + 1) % bonds], axis=1)
     return _rods(x, pairs, section, plane, rod_inertia, {})
 
 
@@ -130,13 +131,18 @@ def frame(
     between them follow edge by edge.
     """
     x = finite("nodes", nodes, (None, None))
-    ends = np.asarray(edges)
+    try:
+        ends = np.asarray(edges)
+    except ValueError:
+        raise InputError("edges must be pairs of nodes, shape (e, 2).") from None
     if ends.ndim != 2 or ends.shape[1] != 2 or ends.dtype.kind not in "iu":
         raise InputError("edges must be pairs of nodes, integers of shape (e, 2).")
     if ((ends < 0) | (ends >= len(x))).any():
         raise InputError(f"edges name nodes outside 0..{len(x) - 1}.")
-    if bonds_per_edge < 1:
-        raise InputError(f"bonds_per_edge is {bonds_per_edge}; give 1 or more.")
+    _count("bonds_per_edge", bonds_per_edge, 1)
+    lone = np.bincount(ends.ravel(), minlength=len(x)) == 0
+    if lone.any():
+        raise InputError(f"nodes {first_ids(lone)} belong to no edge; leave them out.")
     share = np.arange(1, bonds_per_edge)[:, None] / bonds_per_edge
     position, pairs, count = [x], [], len(x)
     for i, j in ends:
@@ -193,8 +199,11 @@ def load(particles: str | Path, bonds: str | Path | None = None) -> Packing:
     """
     path = Path(particles)
     if path.suffix == ".npz":
-        with np.load(path, allow_pickle=False) as file:
-            table = {name: file[name] for name in file.files}
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                table = {name: file[name] for name in file.files}
+        except (OSError, ValueError, BadZipFile) as error:
+            raise InputError(f"{path.name} cannot be read as NPZ: {error}.") from None
         pairs = table.pop("bonds", None)
     else:
         table, pairs = _csv(path), None
@@ -235,6 +244,7 @@ def _rods(
     sides: dict[str, Mask],
 ) -> Packing:
     """Elements with the halves of their rods as mass, and the inertia of these cross sections."""
+    check_section(section)
     edge = x[pairs[:, 1]] - x[pairs[:, 0]]
     half = np.repeat(0.5 * np.linalg.norm(edge, axis=1), 2)
     length = np.bincount(pairs.ravel(), half, minlength=len(x))
@@ -261,6 +271,9 @@ def _even(curve: Curve, bonds: int, closed: bool) -> Array:
         s = np.linspace(0.0, 1.0, 20 * bonds + 1)
         fine = finite("curve", [np.asarray(curve(t), dtype=np.float64) for t in s], (None, None))
         point = CubicSpline(s, fine, axis=0)
+        reach = np.abs(np.diff(fine, axis=0)).sum()
+        if closed and np.linalg.norm(fine[-1] - fine[0]) > 1e-6 * reach:
+            raise InputError("the curve's end does not meet its start; a closed rod needs that.")
     else:
         fine = finite("curve", curve, (None, None))
         if closed:
@@ -318,6 +331,11 @@ def _places(ids: NDArray, pairs: NDArray) -> NDArray[np.int64]:
     return found
 
 
+def _count(name: str, value: int, least: int) -> None:
+    if not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"{name} is {value!r}; give a whole number, at least {least}.")
+
+
 def _each(name: str, value: ArrayLike, n: int) -> Array:
     a = finite(name, value)
     if a.shape not in ((), (n,)):
@@ -326,12 +344,14 @@ def _each(name: str, value: ArrayLike, n: int) -> Array:
 
 
 def _csv(path: Path) -> dict[str, NDArray]:
-    with path.open() as file:
-        names = [name.strip() for name in file.readline().split(",")]
-        try:
-            rows = np.loadtxt(file, delimiter=",", dtype=np.float64, ndmin=2)
-        except ValueError as error:
-            raise InputError(f"{path.name} is not a table of numbers: {error}.") from None
+    try:
+        with path.open(encoding="utf-8-sig") as file:  # spreadsheets begin with a mark
+            names = [name.strip() for name in file.readline().split(",")]
+            rows = np.array([line.split(",") for line in file if line.strip()], dtype=np.float64)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path.name} is not a table of numbers: {error}.") from None
+    if len(rows) == 0:
+        raise InputError(f"{path.name} has no rows below its first line.")
     if rows.shape[1] != len(names):
         raise InputError(
             f"{path.name} has {len(names)} names in its first line and {rows.shape[1]} columns."
@@ -340,6 +360,13 @@ def _csv(path: Path) -> dict[str, NDArray]:
 
 
 def _have(path: Path, table: dict[str, NDArray], names: Sequence[str]) -> None:
+    allowed = ("x", "y", "z", "radius", "volume", "id", "i", "j")
+    unknown = [name for name in table if name not in allowed]
+    if unknown:
+        raise InputError(
+            f"{path.name} has columns that mean nothing here: {', '.join(unknown)}; the names are "
+            f"{', '.join(allowed)}."
+        )
     missing = [name for name in names if name not in table]
     if missing:
         raise InputError(f"{path.name} lacks {', '.join(missing)}; it has {', '.join(table)}.")

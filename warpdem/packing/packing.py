@@ -75,11 +75,15 @@ class Packing:
         set_(self, "ids", ids.astype(np.int64))
         if self.spacing == 0.0:
             length = self.bond_length
-            set_(self, "spacing", float(length.mean()) if len(length) else 0.0)
+            apart = length.mean() if len(length) else 2.0 * self.radius.mean()
+            set_(self, "spacing", float(apart))
 
     def _check_bonds(self) -> None:
         n, dim = self.position.shape
-        bonds = np.asarray(self.bonds)
+        try:
+            bonds = np.asarray(self.bonds)
+        except ValueError:
+            raise InputError("bonds must be pairs of element ids, shape (b, 2).") from None
         if bonds.size == 0:
             bonds = np.zeros((0, 2), dtype=np.int64)
         if bonds.ndim != 2 or bonds.shape[1] != 2 or bonds.dtype.kind not in "iu":
@@ -95,7 +99,10 @@ class Packing:
         _, first, inverse = np.unique(ordered, axis=0, return_index=True, return_inverse=True)
         bad = first[inverse.ravel()] != np.arange(len(bonds))
         if bad.any():
-            raise InputError(f"bonds {first_ids(bad)} join pairs that earlier bonds join already.")
+            more = "" if self.period is None else "; of a small periodic cell: take a larger one"
+            raise InputError(
+                f"bonds {first_ids(bad)} join pairs that earlier bonds join already{more}."
+            )
         _, first, inverse = np.unique(self.position, axis=0, return_index=True, return_inverse=True)
         bad = first[inverse.ravel()] != np.arange(n)
         if bad.any():
@@ -170,6 +177,16 @@ class Packing:
                 f"the faces of elements {first_ids(bad)} do not enclose their volume: "
                 "sum S c (x) n must be V times the unit tensor."
             )
+
+    def index(self, ids: ArrayLike) -> NDArray[np.int64]:
+        """Places in the order of elements of the user's own ids, as scene.hold takes them."""
+        assert self.ids is not None
+        wanted = np.atleast_1d(np.asarray(ids))
+        order = np.argsort(self.ids)
+        found = order[np.minimum(np.searchsorted(self.ids, wanted, sorter=order), len(self) - 1)]
+        if (self.ids[found] != wanted).any():
+            raise InputError(f"no element has the ids {wanted[self.ids[found] != wanted][:5]}.")
+        return found
 
     @property
     def dim(self) -> int:

@@ -34,6 +34,8 @@ def draw_structure(
     """
     names, places = zip(*shapes, strict=True)
     dim = places[0].shape[1]
+    if value is not None and np.shape(value) != (len(bonds),):
+        raise InputError(f"value has shape {np.shape(value)}; give one a bond ({len(bonds)},).")
     if any(p.shape != places[0].shape for p in places):
         raise InputError("all shapes must have the same elements.")
     folder(Path(path).parent)
@@ -72,6 +74,8 @@ def draw_structure(
     else:
         ax.set_aspect("equal")
     if len(names) > 1:
-        ax.legend()
+        legend = ax.legend()
+        if value is not None:
+            legend.legend_handles[-1].set_color("#21918c")  # the middle of viridis
     with whole(Path(path)) as part:
         fig.savefig(part, dpi=130)
