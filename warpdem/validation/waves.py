@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import packing
 from ..errors import Array
 from ..material import Material
-from ..packing import Mask, Packing
+from ..packing import Packing
 from ..scene import Scene
 from ..simulation import Simulation
 from ..statics import tangent
@@ -186,7 +186,7 @@ def _repeated(q: Packing, margin: float) -> tuple[Packing, NDArray[np.int64]]:
     bonds = np.stack([np.concatenate(first), np.concatenate(second)], axis=1)
     faces = np.concatenate(face)
     x = np.concatenate([q.position + box * period for box in boxes])
-    near: Mask = ((x > -margin) & (x < period + margin)).all(axis=1)
+    near = np.logical_and.reduce((x > -margin) & (x < period + margin), axis=1)
     kept = near[bonds].all(axis=1)
     body = Packing(
         position=x[near],
