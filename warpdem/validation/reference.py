@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import Array
+from ..material import Material
 
 
 def rotation_matrices(orientation: Array) -> Array:
@@ -137,3 +138,42 @@ def equivalent_stress(stress: Array, kind: str, ratio: float) -> float:
     if kind == "huber_mises_hencky":
         return von_mises(stress)
     return 0.5 * (ratio + 1) * von_mises(stress) + 1.5 * (ratio - 1) * mean
+
+
+def ricker(time: NDArray, frequency: float) -> NDArray:
+    """Ricker's wavelet of a dominant frequency [Hz], its peak of 1 at time 0; entire in time."""
+    square = (np.pi * frequency * time) ** 2
+    return (1.0 - 2.0 * square) * np.exp(-square)
+
+
+def line_load(
+    distance: float, time: Array, frequency: float, material: Material, plane: str
+) -> Array:
+    """Displacement (t, 2) at the surface of a half-space y < 0 under a line load at x = 0 (Lamb).
+
+    The load is Ricker's wavelet, of unit peak [N/m], downwards. distance x > 0 [m]; time [s] of its
+    peak >= 0. Cagniard and de Hoop: at the surface an impulse gives Im G(t/x + i0)/(pi mu x), with
+    G of `half_space_slowness` at the slowness t/x. G and the wavelet are analytic above the real
+    axis, so the two are convolved on a line there, away from branch points and Rayleigh's pole.
+    """
+    s = np.linspace(-2.5, 2.5, 401) / frequency  # the wavelet is below 1e-24 beyond
+    lifted = s - 0.15j / frequency
+    slowness = (np.asarray(time)[:, None] - lifted) / distance
+    wavelet = ricker(lifted, frequency) * (s[1] - s[0])
+    across, down = half_space_slowness(slowness, material, plane)
+    scale = 1.0 / (np.pi * material.shear_modulus * distance)
+    return scale * np.stack([(across @ wavelet).imag, -(down @ wavelet).imag], axis=-1)
+
+
+def half_space_slowness(p: NDArray, material: Material, plane: str) -> tuple[NDArray, NDArray]:
+    """G_x and G_z (downwards) at complex slownesses p along the surface, Im p > 0.
+
+    With a, b the slownesses of P and S waves, alpha = sqrt(a^2 - p^2), beta = sqrt(b^2 - p^2):
+    G_x = p (b^2 - 2 p^2 - 2 alpha beta)/R, G_z = alpha b^2/R, R = (b^2 - 2 p^2)^2 + 4 p^2 alpha
+    beta.
+    """
+    a, b = 1.0 / material.pressure_speed(plane), 1.0 / material.shear_speed()
+    square = p * p
+    alpha, beta = np.sqrt(a * a - square), np.sqrt(b * b - square)
+    rayleigh = (b * b - 2.0 * square) ** 2 + 4.0 * square * alpha * beta
+    return p * (b * b - 2.0 * square - 2.0 * alpha * beta) / rayleigh, alpha * b * b / rayleigh
