@@ -115,7 +115,7 @@ def test_statics_say_what_is_wrong():
         free.equilibrate()
     scene.hold(body, [0])
     with pytest.raises(wd.NotConvergedError, match="max_steps"):
-        wd.Simulation(scene).relax(max_steps=20)
+        wd.Simulation(scene).relax(max_steps=20, tolerance=1e-9)
     with pytest.raises(wd.InputError, match="float64"):
         wd.Simulation(scene, precision="float32").equilibrate()
     held = wd.Simulation(scene)

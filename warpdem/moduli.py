@@ -199,7 +199,8 @@ def calibrate(
     """The EVM bonds with which a disordered periodic packing has a material's E and nu.
 
     The cell is relaxed under the independent strains for some ten ratios of shear to longitudinal
-    stiffness. bond_radius [m]: r of all bonds, by default half the spacing; tell: called with a line for every relaxation, None for silence.
+    stiffness. bond_radius [m]: r of all bonds, by default half the spacing; tell: called with a
+    line for every relaxation, None for silence.
 
     Raises InputError if no ratio gives the wanted Poisson's ratio.
     """

@@ -166,7 +166,8 @@ class Simulation:
         """Bring the scene to rest by steered motion (FIRE), on the device.
 
         Grips stand still, no bond breaks and no time passes. tolerance: greatest net force over the
-        greatest bond force, by default 1e-6, 1e-5 in mixed and 1e-3 in float32; tell: called with the step and that residual from time to time. Returns
+        greatest bond force, by default 1e-6, 1e-5 in mixed and 1e-3 in float32; tell: called
+        with the step and that residual from time to time. Returns
         the residual; the energy ledger starts anew. Raises NotConvergedError.
         """
         if tolerance is None:

@@ -219,9 +219,8 @@ def natural_frequencies(step: Step, spacing: float, count: int) -> Array:
         square = eigsh(matrix.tocsc(), count, whole, sigma=shift, return_eigenvectors=False)
     square = np.sort(square)
     # rigid motions, but for rounding
-    greatest = float(
-        np.abs(matrix.diagonal() / np.concatenate([np.diag(x) for x in masses])[free]).max()
-    )
+    inertias = np.diagonal(masses, axis1=1, axis2=2).ravel()[free]
+    greatest = float(np.abs(matrix.diagonal() / inertias).max())
     square[np.abs(square) < 1e-13 * greatest] = 0.0
     return np.sign(square) * np.sqrt(np.abs(square))
 

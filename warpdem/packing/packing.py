@@ -75,7 +75,7 @@ class Packing:
         set_(self, "ids", ids.astype(np.int64))
         if self.spacing == 0.0:
             length = self.bond_length
-            apart = length.mean() if len(length) else 2.0 * self.radius.mean()
+            apart = np.mean(length if len(length) else 2.0 * np.asarray(self.radius))
             set_(self, "spacing", float(apart))
 
     def _check_bonds(self) -> None:

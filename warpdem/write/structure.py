@@ -76,6 +76,7 @@ def draw_structure(
     if len(names) > 1:
         legend = ax.legend()
         if value is not None:
-            legend.legend_handles[-1].set_color("#21918c")  # the middle of viridis
+            for line in legend.get_lines()[-1:]:
+                line.set_color("#21918c")  # the middle of viridis
     with whole(Path(path)) as part:
         fig.savefig(part, dpi=130)
