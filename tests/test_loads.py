@@ -244,3 +244,26 @@ def test_facet_bending_cures_gears():
         assert (least < 0.5 * start) == cured
         assert sim.dt_bound <= sim.dt_limit * (1 + 1e-9)
         assert abs(sim.energy_error) < 1e-6
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_periodic_body_is_in_uniform_stress_and_vibrates_freely(dim):
+    size = (9.0, 8.0) if dim == 2 else (5.0, 5.0, 5.0)
+    cell = wd.packing.voronoi(size, 1.0, periodic=True, seed=1)
+    strain = 1e-5 * np.array([[1.0, 0.4, 0.2], [0.4, -0.6, -0.3], [0.2, -0.3, 0.5]])[:dim, :dim]
+    scene = wd.Scene()
+    body = scene.add(cell, wd.Material(1.0, 0.3, 1.0))
+    scene.strain(body, strain)
+    sim = wd.Simulation(scene)
+    lame, shear = body.materials[0].lame("strain"), body.materials[0].shear_modulus
+    exact = lame * strain.trace() * np.eye(dim) + 2 * shear * strain
+    error = sim.stress[:, :dim, :dim] - exact
+    assert np.abs(error).max() < 1e-10 * np.abs(exact).max()
+    assert np.abs(sim.force).max() < 1e-10 * np.abs(exact).max()
+    noise = np.random.default_rng(0).normal(0.0, 1e-6, cell.position.shape)
+    sim.set_state(velocity=noise)
+    sim.run(steps=2000)
+    assert abs(sim.energy_error) < 1e-6
+    assert sim.velocity.mean(axis=0) == pytest.approx(
+        np.average(noise, axis=0, weights=cell.volume), abs=1e-7
+    )

@@ -122,7 +122,7 @@ def test_bad_builders_are_refused():
         wd.packing.network([[0, 0, 0]], [], 1.0, gyration=np.sqrt([[1.0, 1.0, 2.5]]))
     cell = wd.packing.voronoi((10, 10), 1.0, periodic=True)
     with pytest.raises(wd.InputError, match="periodic"):
-        wd.Scene().add(cell, wd.Material(1, 0, 1))
+        wd.Scene().add(cell, wd.Material(1, 0, 1), bond=wd.EVMBond(1.0, 1.0, 1.0))
 
 
 def test_periodic_cells_close():

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from .bond import EVMBond
 from .errors import Array, InputError, first_ids
+from .kernels.face import Faces
 from .scene import Body, History, Scene
 
 Ids = NDArray[np.int32]
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {
-        *("displacement", "orientation", "bond_arm", "principal_axes"),
+        *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes"),
         *("evm_direction", "evm_length", "evm_offset"),
     }
 )
@@ -36,7 +37,7 @@ class Features:
     has_dashpots: bool
     large_rotation: bool
     slots: int
-    central: bool  # every face lies in the middle of its centre line
+    faces: Faces
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Model:
     bond_i: Ids
     bond_j: Ids
     bond_area: Array | None = None
+    bond_jump: Array | None = None  # (b, dim) strain . shift through a periodic side
     bond_arm: Array | None = None  # (2 b + 2, dim), or (b + 1, dim) if faces are central
     facet_stiffness: Array | None = None  # k = 2 G S / r0
     facet_bending: Array | None = None  # (f, 2): c_B, c_T of each face (theory B9)
@@ -299,7 +301,7 @@ def bond_ends(model: Model) -> Array:
     """Arms from both elements to each face [m], (b, 2, dim)."""
     arm = model.bond_arm
     assert arm is not None
-    if model.features.central:
+    if model.features.faces.central:
         return np.stack([arm[:-1], -arm[:-1]], axis=1)
     return arm[:-2].reshape(-1, 2, model.features.dim)
 
@@ -348,6 +350,7 @@ def build(scene: Scene) -> Model:
         if scene.gravity.shape != (dim,):
             raise InputError(f"gravity has {len(scene.gravity)} components; give {dim}.")
         each["force"] += mass[:, None] * scene.gravity
+    jump = _jump(stored, len(node_bonds))
     timed = [(b, load) for b in bodies for load in b.timed_loads]
     external = bool(each["force"].any()), bool(each["torque"].any()), len(timed)
     has_grips = len(scene.grip_histories) > 1
@@ -366,7 +369,7 @@ def build(scene: Scene) -> Model:
         has_dashpots=any(b.damping > 0.0 for b in evm),
         large_rotation=any(b.large_rotation for b in evm),
         slots=len(incidence),
-        central=faces.is_central,
+        faces=Faces(faces.is_central, has_jump=jump is not None),
     )
     model = Model(
         features=features,
@@ -391,6 +394,7 @@ def build(scene: Scene) -> Model:
         nodes=len(node_bonds),
         node_bonds=node_bonds.astype(np.int32) if len(node_bonds) else None,
     )
+    model.bond_jump = jump
     if timed:
         model.load_histories = tuple(load.history for _, load in timed)
         for name in ("force", "torque"):
@@ -409,13 +413,22 @@ def build(scene: Scene) -> Model:
         model.absorbing_damping = each["absorbing"]
     if faces.any:
         model.bond_area = faces.area
-        model.bond_arm = faces.arm[:, 0] if features.central else faces.arm.reshape(-1, dim)
+        model.bond_arm = faces.arm[:, 0] if features.faces.central else faces.arm.reshape(-1, dim)
     _add_laws(model, stored, each["two_shear"], faces)
     if features.has_volume:
         _add_volume(model, stored, each, faces)
     if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
     return model
+
+
+def _jump(stored: list[Body], nodes: int) -> Array | None:
+    """What the far side of each bond is displaced more than its element, as it is an image of it in
+    a strained periodic box."""
+    if not any(b.jump.any() for b in stored):
+        return None
+    facets = sum(len(b.linked) for b in stored if not isinstance(b.bond, EVMBond))
+    return np.insert(np.concatenate([b.jump for b in stored]), [facets] * nodes, 0.0, axis=0)
 
 
 def _elements(bodies: list[Body], dim: int) -> dict[str, Array]:

@@ -40,6 +40,7 @@ class Body:
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
+    jump: Array = field(init=False)  # (b, dim) of bonds through the sides of a periodic box [m]
     displacement: Array = field(init=False)
     velocity: Array = field(init=False)
     angular_velocity: Array = field(init=False)
@@ -58,6 +59,7 @@ class Body:
         self.linked = np.ones(bonds, dtype=bool)
         self.stiffness_factor = np.ones(n)
         self.strength_factor = np.ones(bonds)
+        self.jump = np.zeros((bonds, dim))
         self.displacement = np.zeros((n, dim))
         self.velocity = np.zeros((n, dim))
         self.angular_velocity = np.zeros((n, 1 if dim == 2 else 3))
@@ -163,9 +165,9 @@ class Scene:
         ):
             raise InputError("scene.add takes a Packing and a Material, or several.")
         grains = _grains(packing, materials, grain)
-        if packing.period is not None:
+        if packing.period is not None and isinstance(bond, EVMBond):
             raise InputError(
-                "this packing is periodic, for calibration; a scene takes bodies with surfaces."
+                "periodic bodies take facet bonds; with EVM bonds such a packing is for calibrate."
             )
         faces = packing.area is not None
         if isinstance(bond, EVMBond):
@@ -250,7 +252,7 @@ class Scene:
         """Start the body from a uniform strain: displacement = strain . (position - origin).
 
         strain: symmetric, shape (dim, dim), a small strain; origin [m]: the point that stays, by
-        default the body's centre.
+        default the body's centre. A periodic body keeps its mean strain.
         """
         self._own(body)
         x = body.packing.position
@@ -260,6 +262,9 @@ class Scene:
         low, high = x.min(axis=0), x.max(axis=0)
         centre = 0.5 * (low + high) if origin is None else finite("origin", origin, (x.shape[1],))
         body.displacement[:] = (x - centre) @ e
+        if body.packing.period is not None:
+            i, j = body.packing.bonds.T
+            body.jump[:] = (body.packing.bond_vector - (x[j] - x[i])) @ e
 
     def hold(
         self,

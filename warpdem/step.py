@@ -38,7 +38,14 @@ SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing 
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
     {
-        *("bond_arm", "bond_weight", "facet_bending", "volume_stress", "volume_stiffness"),
+        *(
+            "bond_arm",
+            "bond_jump",
+            "bond_weight",
+            "facet_bending",
+            "volume_stress",
+            "volume_stiffness",
+        ),
         *("volume_energy", "element_release", "element_work", "evm_dashpot"),
         *("damping_force", "damping_torque", "external_force", "external_torque"),
         *("principal_moment", "principal_axes", "timed_force", "timed_torque", "load_factor"),
@@ -329,7 +336,7 @@ class Step:
             "end_force": self.arrays["closing_impulse"],
             "end_torque": self.arrays["closing_twist"],
         }
-        laws = facet_settle(s, k, f.central, self._simd), evm_settle(s, k, self._simd)
+        laws = facet_settle(s, k, f.faces, self._simd), evm_settle(s, k, self._simd)
         passes = [self._move(half, 0.0, elements="listed_elements")]
         for _ in range(SETTLEMENTS):
             passes += self._over_listed(*laws, share=1.0)
@@ -343,7 +350,7 @@ class Step:
         (s, k), m = self._space, self.model
         passes = [self._stress("listed_elements")]
         for group in m.criteria:
-            test = break_bonds(s, k, m.features.central, group.kind, self._simd)
+            test = break_bonds(s, k, m.features.faces, group.kind, self._simd)
             numbers: dict[str, Any] = {"ratio": group.ratio, "first": group.first}
             listed = self.arrays["listed_bonds"]
             passes.append(self._bind(test, group.count, listed=listed, **numbers))
@@ -432,20 +439,20 @@ class Step:
             bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
         passes = []
         if f.has_volume:
-            law = face_dilation(s, k, f.central, near, self._simd)
+            law = face_dilation(s, k, f.faces, near, self._simd)
             passes.append(self._bind(law, bonds, listed=listed, first=0))
             law = volume_stresses(s, f.slots, near, self._simd)
             numbers: dict[str, Any] = {"elements": m.elements, "first": 0}
             passes.append(self._bind(law, elements, listed=listed_elements, **numbers))
         if facets:
-            law = facet_forces(s, k, f.central, f.has_volume, f.has_bending, near, self._simd)
+            law = facet_forces(s, k, f.faces, f.has_volume, f.has_bending, near, self._simd)
             passes.append(self._bind(law, facets, listed=listed, first=0))
         if bonds > facets:
-            law = evm_forces(s, k, f.central, f.has_volume, f.large_rotation, near, self._simd)
+            law = evm_forces(s, k, f.faces, f.has_volume, f.large_rotation, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
         return passes + self._over_listed(
-            facet_closing(s, k, f.central, self._simd),
+            facet_closing(s, k, f.faces, self._simd),
             evm_closing(s, k, self._simd),
             slack=self._slack,
         )
@@ -478,7 +485,7 @@ class Step:
         if m.listed_bonds is not None and "closing_energy" not in self.arrays:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
-            facet_closing_energies(s, k, m.features.central, self._simd),
+            facet_closing_energies(s, k, m.features.faces, self._simd),
             evm_closing_energies(s, k, self._simd),
         )
 
@@ -516,7 +523,7 @@ class Step:
 
     def _stress(self, listed: str) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
-        law = element_stress(s, k, f.central, f.slots, f.has_volume, f.plane_strain, self._simd)
+        law = element_stress(s, k, f.faces, f.slots, f.has_volume, f.plane_strain, self._simd)
         ids = self.arrays[listed]
         return self._bind(law, ids.size, listed=ids, elements=m.elements)
 
@@ -533,7 +540,7 @@ class Step:
         passes = []
         if facets:
             f = m.features
-            law = facet_energies(s, k, f.central, f.has_bending, ids is not None, self._simd)
+            law = facet_energies(s, k, f.faces, f.has_bending, ids is not None, self._simd)
             passes.append(self._bind(law, facets, **given))
         if bonds > facets:
             law = evm_energies(s, k, m.features.large_rotation, ids is not None, self._simd)

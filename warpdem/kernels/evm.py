@@ -11,7 +11,7 @@ import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
 from .closing import closing
-from .face import face
+from .face import Faces, face
 from .memory import kernel, nn
 from .volume import volume
 
@@ -219,7 +219,7 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
 def evm_forces(
     s: Laws,
     k: Laws,
-    central: bool,
+    faces: Faces,
     has_volume: bool,
     large_rotation: bool,
     is_listed: bool,
@@ -227,7 +227,7 @@ def evm_forces(
 ):
     """Pass over EVM bonds: force on i and the torques on both elements."""
     kinematics, law, real = evm_kinematics(s, k), evm(s, large_rotation), s.real
-    geometry, many = face(s, k, central), volume(s)
+    geometry, many = face(s, k, faces), volume(s)
 
     def evm_forces(
         # model
@@ -239,6 +239,7 @@ def evm_forces(
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         # state read
         evm_stiffness: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
@@ -274,7 +275,7 @@ def evm_forces(
         )
         if wp.static(has_volume):
             delta, ci, cj = geometry.load_opening(
-                b, bond_i, bond_j, bond_arm, displacement, orientation
+                b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
             )
             gi = volume_stress[nn(bond_i[b])]
             gj = volume_stress[nn(bond_j[b])]

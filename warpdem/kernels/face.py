@@ -5,6 +5,7 @@ the centroid's place on the face, so c_i - c_j is the reference centre line ther
 """
 
 from functools import cache
+from typing import NamedTuple
 
 import warp as wp
 
@@ -12,16 +13,22 @@ from .algebra import Laws, narrow, narrow_spin
 from .memory import nn
 
 
+class Faces(NamedTuple):
+    """What the faces of a scene are like."""
+
+    central: bool  # every one is in the middle of its centre line
+    has_jump: bool  # some bonds meet through the side of a periodic, strained box
+
+
 @cache
-def face(s: Laws, k: Laws, central: bool) -> Laws:
+def face(s: Laws, k: Laws, faces: Faces) -> Laws:
     """Openings and normals, differenced in the precision of k and returned in that of s.
 
-    central: every face's centroid is the middle of the centre line, so that one arm a bond is kept
-    and the other is its opposite.
+    Where faces are central, one arm a bond is kept and the other is its opposite.
     """
     narrowed = narrow(s, k)
 
-    if central:
+    if faces.central:
 
         @wp.func
         def load_arm(bond_arm: wp.array(dtype=k.real), entry: int) -> k.vec:
@@ -45,6 +52,7 @@ def face(s: Laws, k: Laws, central: bool) -> Laws:
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
     ):
@@ -55,7 +63,10 @@ def face(s: Laws, k: Laws, central: bool) -> Laws:
         qj = k.load_rot(orientation, j)
         ci = load_arm(bond_arm, nn(2 * b))
         cj = load_arm(bond_arm, nn(2 * b + 1))
-        delta = opening(k.load(displacement, j) - k.load(displacement, i), qi, qj, ci, cj)
+        du = k.load(displacement, j) - k.load(displacement, i)
+        if wp.static(faces.has_jump):
+            du += k.load(bond_jump, b)
+        delta = opening(du, qi, qj, ci, cj)
         return narrowed(delta), narrowed(ci + k.turn(qi, ci)), narrowed(cj + k.turn(qj, cj))
 
     @wp.func

@@ -10,7 +10,7 @@ import warp as wp
 
 from .algebra import Laws
 from .closing import closing
-from .face import face
+from .face import Faces, face
 from .memory import kernel, nn
 from .volume import volume
 
@@ -74,14 +74,14 @@ def facet(s: Laws) -> Laws:
 def facet_forces(
     s: Laws,
     k: Laws,
-    central: bool,
+    faces: Faces,
     has_volume: bool,
     has_bending: bool,
     is_listed: bool,
     simd: bool = True,
 ):
     """Pass over facet bonds: force on i and the torques on both elements."""
-    geometry, law, many, real = face(s, k, central), facet(s), volume(s), s.real
+    geometry, law, many, real = face(s, k, faces), facet(s), volume(s), s.real
 
     def facet_forces(
         # model
@@ -90,6 +90,7 @@ def facet_forces(
         bond_j: wp.array(dtype=int),
         bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         # state read
         facet_stiffness: wp.array(dtype=real),
         facet_bending: wp.array(dtype=real),
@@ -106,7 +107,7 @@ def facet_forces(
         if wp.static(is_listed):
             b = nn(listed[b])
         delta, ci, cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, displacement, orientation
+            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
         f = law.force(facet_stiffness[b], delta)
         if wp.static(has_volume):
@@ -133,9 +134,9 @@ def facet_forces(
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
+def facet_closing(s: Laws, k: Laws, faces: Faces, simd: bool = True):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11)."""
-    geometry, law, contact, real = face(s, k, central), facet(s), closing(s), s.real
+    geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
 
     def facet_closing(
         # model
@@ -144,6 +145,7 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
         bond_j: wp.array(dtype=int),
         bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         # state read
         displacement: wp.array(dtype=k.real),
@@ -161,7 +163,7 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
         b = nn(listed[t])
         if bond_linked[b] == real(0.0):
             delta, ci, cj = geometry.load_opening(
-                b, bond_i, bond_j, bond_arm, displacement, orientation
+                b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
             )
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             gap = law.gap(delta, p, m)
@@ -178,9 +180,9 @@ def facet_closing(s: Laws, k: Laws, central: bool, simd: bool = True):
 
 
 @cache
-def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
+def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
     """Pass over listed facet bonds: pay what their closing or opening left over."""
-    geometry, contact, real = face(s, k, central), closing(s), s.real
+    geometry, contact, real = face(s, k, faces), closing(s), s.real
 
     def facet_settle(
         # model
@@ -189,6 +191,7 @@ def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
         bond_j: wp.array(dtype=int),
         bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
         # state read
@@ -205,7 +208,7 @@ def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
         t = wp.tid()
         b = nn(listed[t])
         delta, ci, cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, displacement, orientation
+            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         contact.settle(
@@ -232,10 +235,10 @@ def facet_settle(s: Laws, k: Laws, central: bool, simd: bool = True):
 
 @cache
 def facet_energies(
-    s: Laws, k: Laws, central: bool, has_bending: bool, is_listed: bool, simd: bool = True
+    s: Laws, k: Laws, faces: Faces, has_bending: bool, is_listed: bool, simd: bool = True
 ):
     """Per facet bond: the energy it holds linked [J]."""
-    geometry, law, real = face(s, k, central), facet(s), s.real
+    geometry, law, real = face(s, k, faces), facet(s), s.real
 
     def facet_energies(
         # model
@@ -243,6 +246,7 @@ def facet_energies(
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         # state read
         facet_stiffness: wp.array(dtype=real),
         facet_bending: wp.array(dtype=real),
@@ -256,7 +260,7 @@ def facet_energies(
         if wp.static(is_listed):
             b = nn(listed[t])
         delta, _ci, _cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, displacement, orientation
+            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
         energy = law.energy(facet_stiffness[b], delta)
         if wp.static(has_bending):
@@ -271,9 +275,9 @@ def facet_energies(
 
 
 @cache
-def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
+def facet_closing_energies(s: Laws, k: Laws, faces: Faces, simd: bool = True):
     """Per listed facet bond: the energy it holds, or would hold, unlinked [J]."""
-    geometry, law, contact, real = face(s, k, central), facet(s), closing(s), s.real
+    geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
 
     def facet_closing_energies(
         # model
@@ -281,6 +285,7 @@ def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         # state read
         displacement: wp.array(dtype=k.real),
@@ -291,7 +296,7 @@ def facet_closing_energies(s: Laws, k: Laws, central: bool, simd: bool = True):
         t = wp.tid()
         b = nn(listed[t])
         delta, _ci, _cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, displacement, orientation
+            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         closing_energy[t] = contact.energy(closing_stiffness[t], law.gap(delta, p, m))

@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow
-from .face import face
+from .face import Faces, face
 from .memory import kernel, nn
 
 
@@ -86,9 +86,9 @@ def criterion(s: Laws, kind: str):
 
 
 @cache
-def break_bonds(s: Laws, k: Laws, central: bool, kind: str, simd: bool = True):
+def break_bonds(s: Laws, k: Laws, faces: Faces, kind: str, simd: bool = True):
     """Pass over listed bonds: those whose equivalent stress exceeds their strength unlink."""
-    geometry, law, equivalent = face(s, k, central), pair_tensor(s), criterion(s, kind)
+    geometry, law, equivalent = face(s, k, faces), pair_tensor(s), criterion(s, kind)
     real, narrowed = s.real, narrow(s, k)
 
     def break_bonds(

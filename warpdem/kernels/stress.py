@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow
-from .face import face
+from .face import Faces, face
 from .memory import kernel, nn
 
 
@@ -13,7 +13,7 @@ from .memory import kernel, nn
 def element_stress(
     s: Laws,
     k: Laws,
-    central: bool,
+    faces: Faces,
     slots: int,
     has_volume: bool,
     plane_strain: bool,
@@ -23,7 +23,7 @@ def element_stress(
 
     Plane strain adds sigma_zz = D m; in plane stress it is zero.
     """
-    real, geometry, narrowed = s.real, face(s, k, central), narrow(s, k)
+    real, geometry, narrowed = s.real, face(s, k, faces), narrow(s, k)
 
     def element_stress(
         # model

@@ -10,7 +10,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
-from .face import face
+from .face import Faces, face
 from .memory import kernel, nn
 
 
@@ -42,9 +42,9 @@ def volume(s: Laws) -> Laws:
 
 
 @cache
-def face_dilation(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool = True):
+def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = True):
     """Pass over bonds: each face's share of V E of its two elements (theory B4)."""
-    geometry, real = face(s, k, central), s.real
+    geometry, real = face(s, k, faces), s.real
 
     def face_dilation(
         # model
@@ -53,6 +53,7 @@ def face_dilation(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool =
         bond_j: wp.array(dtype=int),
         bond_place: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
         # state read
         bond_weight: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
@@ -65,7 +66,7 @@ def face_dilation(s: Laws, k: Laws, central: bool, is_listed: bool, simd: bool =
         if wp.static(is_listed):
             b = nn(listed[b])
         delta, ci, cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, displacement, orientation
+            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
         w = bond_weight[b]
         end_dilation[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, delta)
