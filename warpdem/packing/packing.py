@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import pi
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,9 +74,16 @@ class Packing:
         if ids.shape != (n,) or ids.dtype.kind not in "iu" or len(np.unique(ids)) < n:
             raise InputError(f"ids must be {n} different integers.")
         set_(self, "ids", ids.astype(np.int64))
+        set_(self, "sides", {name: self._checked(name, mask) for name, mask in self.sides.items()})
         if self.spacing == 0.0:
             length = self.bond_length
             set_(self, "spacing", float(length.mean()) if len(length) else 0.0)
+
+    def _checked(self, name: str, mask: ArrayLike) -> Mask:
+        side = np.asarray(mask)
+        if side.shape != (len(self),) or side.dtype != bool:
+            raise InputError(f"side {name!r} must be a mask: {len(self)} truth values.")
+        return side
 
     def _check_bonds(self) -> None:
         n, dim = self.position.shape
@@ -171,6 +179,12 @@ class Packing:
                 "sum S c (x) n must be V times the unit tensor."
             )
 
+    def save(self, path: str | Path) -> None:
+        """Write everything into an NPZ file, whole or not at all; wd.packing.load reads it."""
+        from .file import save
+
+        save(self, Path(path))
+
     @property
     def dim(self) -> int:
         """Dimension of space, 2 or 3."""
@@ -191,13 +205,18 @@ class Packing:
         return np.linalg.norm(self.bond_vector, axis=1)
 
     @cached_property
-    def pieces(self) -> int:
-        """Number of pieces that no bond joins; elements without bonds count as pieces."""
+    def piece(self) -> NDArray[np.int64]:
+        """The piece that each element belongs to (n,), from 0: pieces that no bond joins."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         graph = coo_array((np.ones(len(self.bonds)), self.bonds.T), shape=(len(self),) * 2)
-        return int(connected_components(graph, directed=False)[0])
+        return connected_components(graph, directed=False)[1].astype(np.int64)
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces that no bond joins; elements without bonds count as pieces."""
+        return int(self.piece.max()) + 1
 
     @cached_property
     def has_gears(self) -> bool:
@@ -246,6 +265,8 @@ class Packing:
 
     def boundary(self, layers: int = 1) -> Mask:
         """Elements within `layers` layers of any side."""
+        if not self.sides:
+            return np.zeros(len(self), dtype=bool)
         return np.any([self.side(name, layers) for name in self.sides], axis=0)
 
     top = property(lambda self: self.side("top"), doc="Elements of the upper side.")
