@@ -3,11 +3,20 @@
 from .lattice import bcc, fcc, hexagonal, simple_cubic, square
 from .network import filament, frame, helix, honeycomb, load, network, ring
 from .packing import Mask, Packing
-from .voronoi import voronoi
+from .shapes import Box, Cylinder, Disc, Mesh, Plate, Polygon, Ring, Sphere
+from .voronoi import laguerre, polydisperse, voronoi
 
 __all__ = [
+    "Box",
+    "Cylinder",
+    "Disc",
     "Mask",
+    "Mesh",
     "Packing",
+    "Plate",
+    "Polygon",
+    "Ring",
+    "Sphere",
     "bcc",
     "fcc",
     "filament",
@@ -15,8 +24,10 @@ __all__ = [
     "helix",
     "hexagonal",
     "honeycomb",
+    "laguerre",
     "load",
     "network",
+    "polydisperse",
     "ring",
     "simple_cubic",
     "square",

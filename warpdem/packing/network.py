@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import Array, InputError, finite, first_ids, positive
 from ..section import Section, check_section
+from . import file
 from .packing import Mask, Packing
 
 Curve = Callable[[float], ArrayLike] | ArrayLike
@@ -190,20 +191,19 @@ def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packin
 
 
 def load(particles: str | Path, bonds: str | Path | None = None) -> Packing:
-    """Bonded particles from files; their ids are kept.
+    """A saved packing, or bonded particles from files; their ids are kept.
 
-    particles: a CSV file with a header among x, y, z, radius, volume, id [m, m^3]; or an NPZ file
-    with arrays of these names and bonds (b, 2). bonds: a CSV file with a header i, j of ids.
-    Without a volume it is that of the sphere (without z: disc of thickness 1) of the radius;
+    particles: an NPZ file that Packing.save wrote; or a CSV file with a header among x, y, z,
+    radius, volume, id [m, m^3]; or an NPZ file with arrays of these names and bonds (b, 2). bonds:
+    a CSV file with a header i, j of ids. Without a volume it is that of the sphere (without z: disc
+    of thickness 1) of the radius;
     without ids they count from 0.
     """
     path = Path(particles)
     if path.suffix == ".npz":
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                table = {name: file[name] for name in file.files}
-        except (OSError, ValueError, BadZipFile) as error:
-            raise InputError(f"{path.name} cannot be read as NPZ: {error}.") from None
+        table = _npz(path)
+        if file.MARK in table and bonds is None:
+            return file.restored(table, path.name)
         pairs = table.pop("bonds", None)
     else:
         table, pairs = _csv(path), None
@@ -343,11 +343,27 @@ def _each(name: str, value: ArrayLike, n: int) -> Array:
     return np.broadcast_to(a, (n,)).copy()
 
 
+def _npz(path: Path) -> dict[str, NDArray]:
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        BadZipFile,
+        KeyError,
+        TypeError,
+        AttributeError,
+    ) as error:
+        raise InputError(f"{path.name} is not an NPZ file of plain arrays: {error}.") from None
+
+
 def _csv(path: Path) -> dict[str, NDArray]:
     try:
-        with path.open(encoding="utf-8-sig") as file:  # spreadsheets begin with a mark
-            names = [name.strip() for name in file.readline().split(",")]
-            rows = np.array([line.split(",") for line in file if line.strip()], dtype=np.float64)
+        with path.open(encoding="utf-8-sig") as lines:  # spreadsheets begin with a mark
+            names = [name.strip() for name in lines.readline().split(",")]
+            rows = np.array([line.split(",") for line in lines if line.strip()], dtype=np.float64)
     except (OSError, ValueError) as error:
         raise InputError(f"{path.name} is not a table of numbers: {error}.") from None
     if len(rows) == 0:

@@ -1,9 +1,10 @@
 """What a packing is, and the checks on it (theory B1)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import pi
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,10 +74,17 @@ class Packing:
         if ids.shape != (n,) or ids.dtype.kind not in "iu" or len(np.unique(ids)) < n:
             raise InputError(f"ids must be {n} different integers.")
         set_(self, "ids", ids.astype(np.int64))
+        set_(self, "sides", {name: self._checked(name, mask) for name, mask in self.sides.items()})
         if self.spacing == 0.0:
             length = self.bond_length
             apart = np.mean(length if len(length) else 2.0 * np.asarray(self.radius))
             set_(self, "spacing", float(apart))
+
+    def _checked(self, name: str, mask: ArrayLike) -> Mask:
+        side = np.asarray(mask)
+        if side.shape != (len(self),) or side.dtype != bool:
+            raise InputError(f"side {name!r} must be a mask: {len(self)} truth values.")
+        return side
 
     def _check_bonds(self) -> None:
         n, dim = self.position.shape
@@ -188,6 +196,44 @@ class Packing:
             raise InputError(f"no element has the ids {wanted[self.ids[found] != wanted][:5]}.")
         return found
 
+    def without(self, where: ArrayLike) -> "Packing":
+        """The packing with some elements left out, by mask or places: pores, cavities.
+
+        Faces that met them become free surface, a side named "pores"; ids are kept.
+        """
+        gone = np.zeros(len(self), dtype=bool)
+        gone[np.asarray(where)] = True
+        if gone.all():
+            raise InputError("nothing is left of the packing; leave out fewer elements.")
+        place = np.cumsum(~gone) - 1
+        kept = np.asarray(~gone[self.bonds].any(axis=1))
+        beside = np.zeros(len(self), dtype=bool)
+        beside[self.bonds[~kept].ravel()] = True
+        sides = {**self.sides, "pores": beside | self.sides.get("pores", np.zeros(len(self), bool))}
+
+        def own(array: Array | None, mask: Mask) -> Array | None:
+            return None if array is None else array[mask]
+
+        return replace(
+            self,
+            position=self.position[~gone],
+            volume=self.volume[~gone],
+            radius=own(self.radius, ~gone),
+            gyration=own(self.gyration, ~gone),
+            axes=own(self.axes, ~gone),
+            ids=None if self.ids is None else self.ids[~gone],
+            bonds=place[self.bonds[kept]],
+            area=own(self.area, kept),
+            arms=own(self.arms, kept),
+            sides={name: mask[~gone] for name, mask in sides.items()},
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write everything into an NPZ file, whole or not at all; wd.packing.load reads it."""
+        from .file import save
+
+        save(self, Path(path))
+
     @property
     def dim(self) -> int:
         """Dimension of space, 2 or 3."""
@@ -208,13 +254,18 @@ class Packing:
         return np.linalg.norm(self.bond_vector, axis=1)
 
     @cached_property
-    def pieces(self) -> int:
-        """Number of pieces that no bond joins; elements without bonds count as pieces."""
+    def piece(self) -> NDArray[np.int64]:
+        """The piece that each element belongs to (n,), from 0: pieces that no bond joins."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         graph = coo_array((np.ones(len(self.bonds)), self.bonds.T), shape=(len(self),) * 2)
-        return int(connected_components(graph, directed=False)[0])
+        return connected_components(graph, directed=False)[1].astype(np.int64)
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces that no bond joins; elements without bonds count as pieces."""
+        return int(self.piece.max()) + 1
 
     @cached_property
     def has_gears(self) -> bool:
@@ -263,6 +314,8 @@ class Packing:
 
     def boundary(self, layers: int = 1) -> Mask:
         """Elements within `layers` layers of any side."""
+        if not self.sides:
+            return np.zeros(len(self), dtype=bool)
         return np.any([self.side(name, layers) for name in self.sides], axis=0)
 
     top = property(lambda self: self.side("top"), doc="Elements of the upper side.")

@@ -1,161 +1,318 @@
-"""Voronoi packings."""
+"""Voronoi and radical (Laguerre) packings of shapes."""
 
-from collections.abc import Sequence
-from math import sqrt
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from math import ceil, inf, log2, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from ..errors import Array, InputError
-from .packing import SIDES, Mask, Packing, check_box
+from ..errors import Array, InputError, ModelWarning, finite, first_ids, positive
+from .body import Body, Periodic, body_of
+from .packing import Packing
+from .shapes import Box, Shape, place
+from .tessellation import Cells
+
+Spacing = float | Callable[[Array], ArrayLike]
+Tell = Callable[[str], None]
+
+MANY = 20_000  # cells from which on a build takes long enough to tell of it
+SAMPLES = 4096  # points at which the local spacing is asked for beforehand
+FINE = 6.0  # edges of a curved side for each spacing
+OVER = 1.8  # a sweep's step over the way to the centroid: it does the work of nearly two
 
 
 def voronoi(
-    size: Sequence[float],
-    spacing: float,
+    shape: Shape | Sequence[float],
+    spacing: Spacing,
+    plane: str | None = "strain",
+    thickness: float = 1.0,
+    seed: int = 0,
+    relaxations: int = 8,
+    periodic: bool = False,
+    tell: Tell | None = None,
+) -> Packing:
+    """Voronoi cells of random centres filling a shape, relaxed towards their centroids (Lloyd).
+
+    shape: one of the shapes of this module, or the edges [m] of a box from the origin, two in the
+    plane, three in space, where plane and thickness [m] have no meaning. spacing [m]: of a
+    hexagonal (fcc) packing with as many elements; for a graded one a function that gives it, (m,),
+    at points (m, dim). seed: of the centres. relaxations: sweeps of centres that start spread
+    evenly; 0 for centres without any order, whose cells cost a many times smaller time step (theory
+    B8). Cells are clipped to the shape, whose circles and spheres are polygons and polyhedra of
+    their area and volume with edges of a sixth of the spacing, or, if periodic, repeat with the
+    box. tell: called with a line of text after every sweep; by default those of 20,000 cells and
+    more go to stderr.
+
+    Shapes other than boxes need warpdem[geometry]. Raises InputError for a shape that is not simple
+    or not closed, and for cells that do not fill it; warns of a body in several pieces.
+    """
+    rng = np.random.default_rng(seed)
+    shape, local = _shape(shape), _local(spacing)
+    rough = body_of(shape, inf, periodic)
+    h = local(_points(rough, SAMPLES, rng))
+    body = body_of(shape, float(h.min()) / FINE, periodic)
+    cell = 0.5 * sqrt(3.0) * h**2 if body.dim == 2 else h**3 / sqrt(2.0)
+    count = round(body.volume * float((1.0 / cell).mean()))
+    _enough(count, body.dim)
+    x = _points(body, count, rng, local, float(h.min()), even=relaxations > 0)
+    grade = local if callable(spacing) else None
+    x, cells = _relaxed(body, x, None, relaxations, grade, _teller(tell, count))
+    return _packing(body, x, cells, plane, thickness)
+
+
+def laguerre(
+    shape: Shape | Sequence[float],
+    position: ArrayLike,
+    radius: ArrayLike,
+    plane: str | None = "strain",
+    thickness: float = 1.0,
+    relaxations: int = 0,
+    periodic: bool = False,
+    tell: Tell | None = None,
+) -> Packing:
+    """Radical (Laguerre) cells of spheres, in the plane discs, filling a shape.
+
+    position [m] (n, dim) inside the shape and radius [m] (n,): a face is where the tangents to its
+    two spheres are of equal length, so that it parts spheres that touch. relaxations: sweeps that
+    move the spheres towards the centroids of their cells. Other arguments as of voronoi.
+
+    Raises InputError naming spheres whose centres are outside the shape or outside their cells
+    (faces then do not lie between the centres, theory B8), or that have no cell.
+    """
+    shape = _shape(shape)
+    x = finite("position", position, (None, None))
+    r = positive("radius", radius, (len(x),))
+    body = _fine(shape, len(x), periodic)
+    if x.shape[1] != body.dim:
+        raise InputError(f"position has {x.shape[1]} columns; the shape has {body.dim} dimensions.")
+    outside = ~body.contains(x)
+    if outside.any():
+        raise InputError(f"spheres {first_ids(outside)} have their centres outside the shape.")
+    x, cells = _relaxed(body, x, r**2, relaxations, None, _teller(tell, len(x)))
+    return _packing(body, x, cells, plane, thickness)
+
+
+def polydisperse(
+    shape: Shape | Sequence[float],
+    radius: ArrayLike,
     plane: str | None = "strain",
     thickness: float = 1.0,
     seed: int = 0,
     relaxations: int = 20,
     periodic: bool = False,
+    tell: Tell | None = None,
 ) -> Packing:
-    """Random Voronoi cells filling a box from the origin, relaxed towards their centroids.
+    """Radical cells of sizes in given proportions, at random places filling a shape.
 
-    size: two edges [m] of a plane box, or three of one in space, where plane and thickness have no
-    meaning; spacing [m]: of a hexagonal (fcc) packing with as many elements; seed: of the random
-    centres; relaxations: Lloyd sweeps, 0 for raw random cells, which cost a several times smaller
-    time step (theory B8). Cells are clipped at the box, or, if periodic, repeat with it.
+    radius (n,): proportions of the radii, of any distribution; they are scaled so that the spheres'
+    volumes are those of the cells together, as if they filled the shape. Other arguments as of
+    voronoi; of a wide distribution, raise relaxations if centres are outside their cells.
+    """
+    rng = np.random.default_rng(seed)
+    r = positive("radius", radius, (None,))
+    body = _fine(_shape(shape), len(r), periodic)
+    ball = pi if body.dim == 2 else 4.0 / 3.0 * pi
+    r = r * (body.volume / (ball * (r**body.dim).sum())) ** (1.0 / body.dim)
+    x = _points(body, len(r), rng, even=True)
+    x, cells = _relaxed(body, x, r**2, relaxations, None, _teller(tell, len(x)))
+    return _packing(body, x, cells, plane, thickness)
+
+
+def _shape(shape: Shape | Sequence[float]) -> Shape:
+    return Box(tuple(shape)) if isinstance(shape, Sequence | np.ndarray) else shape
+
+
+def _fine(shape: Shape, count: int, periodic: bool) -> Body:
+    """The body for a number of elements."""
+    rough = body_of(shape, inf, periodic)
+    _enough(count, rough.dim)
+    return body_of(shape, float((rough.volume / count) ** (1.0 / rough.dim)) / FINE, periodic)
+
+
+def _enough(count: int, dim: int) -> None:
+    if count < dim + 2:
+        raise InputError("the shape holds too few elements; enlarge it or reduce spacing.")
+
+
+def _local(spacing: Spacing) -> Callable[[Array], Array]:
+    """The spacing at points."""
+    if not callable(spacing):
+        h = float(positive("spacing", spacing, ()))
+        return lambda x: np.full(len(x), h)
+    return lambda x: positive("spacing", spacing(x), (len(x),))
+
+
+def _teller(tell: Tell | None, count: int) -> Tell:
+    if tell is None and count >= MANY:
+        return lambda line: print(line, file=sys.stderr, flush=True)
+    return tell or (lambda line: None)
+
+
+def _points(
+    body: Body,
+    count: int,
+    rng: np.random.Generator,
+    local: Callable[[Array], Array] | None = None,
+    least: float = 1.0,
+    even: bool = True,
+) -> Array:
+    """Random points of a body, as many to a volume as the local spacing says, of which `least` is
+    the least.
+
+    Even ones are a scrambled Sobol sequence in which every point is shifted at random by up to half
+    a spacing: numbers in large volumes hardly vary, and no direction is preferred.
     """
     from scipy.spatial import cKDTree
+    from scipy.stats.qmc import Sobol
 
-    dim = len(size)
-    if dim not in (2, 3):
-        raise InputError(f"size has {dim} entries; give two for the plane, three for space.")
-    check_box(size, spacing, dim)
-    box = np.asarray(size, dtype=np.float64)
-    cell = sqrt(3.0) / 2.0 * spacing**2 if dim == 2 else spacing**3 / sqrt(2.0)
-    count = round(box.prod() / cell)
-    if count < dim + 2:
-        raise InputError("the box holds too few elements; enlarge size or reduce spacing.")
-    points = np.random.default_rng(seed).random((count, dim)) * box
-    points = points[cKDTree(points).indices]  # neighbours in space are neighbours in memory
-    for _ in range(relaxations):
-        points = _Cells(points, box, spacing, periodic).centroid % box
-    cells = _Cells(points, box, spacing, periodic)
-    i, j = cells.joined.T
-    order = np.lexsort((j, i))
-    thickness = thickness if dim == 2 else 1.0
-    return Packing(
-        position=points,
-        volume=cells.volume * thickness,
-        bonds=cells.joined[order],
-        area=cells.area[cells.joins][order] * thickness,
-        arms=cells.arms[cells.joins][order],
-        period=box if periodic else None,
-        plane=plane if dim == 2 else None,
-        thickness=thickness,
-        spacing=spacing,
-        sides={} if periodic else cells.sides(),
+    dim, size = body.dim, body.high - body.low
+    sobol = Sobol(dim + 1, seed=rng)
+    batch = 2 ** ceil(log2(2 * count + 64))
+    x = np.zeros((0, dim))
+    for _ in range(1000):
+        u = sobol.random(batch) if even else rng.random((batch, dim + 1))
+        y = body.low + u[:, :dim] * size
+        if local is not None:
+            h = local(y)
+            kept = u[:, dim] * h**dim < least**dim
+            y, h = y[kept], h[kept]
+            if even:
+                y += h[:, None] * (rng.random(y.shape) - 0.5)
+                y = body.high - np.abs(size - np.abs(y - body.low))  # back from beyond the ends
+        x = np.concatenate([x, y[body.contains(y)]])
+        if len(x) >= count:
+            x = x[:count]
+            return x[cKDTree(x).indices]  # neighbours in space are neighbours in memory
+    raise InputError("the shape fills next to nothing of its bounds, or spacing varies too widely.")
+
+
+def _relaxed(
+    body: Body,
+    x: Array,
+    weight: Array | None,
+    relaxations: int,
+    grade: Callable[[Array], Array] | None,
+    tell: Tell,
+) -> tuple[Array, Cells]:
+    """Centres after sweeps towards centroids, and their cells.
+
+    Where a cell is in several pieces, as on both sides of a slit, each gets a centre of its own.
+    """
+    began = time.perf_counter()
+    for attempt in range(6):
+        sweeps = relaxations if attempt == 0 else min(relaxations, 3)
+        for sweep in range(sweeps):
+            cells = body.cells(x, weight, faces=False)
+            if weight is None:
+                step = cells.centroid - x + _drift(body, cells, grade)
+                some = cells.volume > 0.0
+                over = OVER if sweep else 1.0
+                x = np.concatenate([(x + over * step)[some], cells.orphans])
+            else:
+                x = np.where(cells.volume[:, None] > 0.0, cells.centroid, x)
+            x = body.wrapped(x)
+            took = time.perf_counter() - began
+            tell(f"sweep {sweep + 1} of {sweeps}: {len(x)} cells, {took:.0f} s")
+        cells = body.cells(x, weight, faces=True)
+        if not len(cells.torn):
+            return x, cells
+        if weight is not None:
+            break
+        x = np.concatenate([x, cells.orphans])
+    where = ", ".join(place(p) for p in cells.orphans[:3])
+    raise InputError(
+        f"cells {first_ids(np.bincount(cells.torn))} are in several pieces, near {where}: the "
+        "shape, or a slit in it, is thinner there than the spacing; reduce spacing, or make a slit "
+        "with Scene.cut."
     )
 
 
-class _Cells:
-    """Voronoi cells of centres in a box, clipped by mirror images of those near its sides, or
-    repeated with it.
+def _drift(body: Body, cells: Cells, grade: Callable[[Array], Array] | None) -> Array:
+    """Way from centroids to those of a density under which cells settle at the local spacing h.
 
-    Faces: pair (f, 2) of centres, or centre and image; wall (f,) the side of the box that the face
-    lies on, or -1; area; arms (f, 2, dim) from both to the face's centroid; joins (f,): whether it
-    is a bond, and joined: the centres of those. Cells: volume and centroid.
+    The density is h^-(dim + 2); a cell's second moment is close to 0.08 volume^(1 + 2/dim).
     """
-
-    def __init__(self, points: Array, box: Array, spacing: float, periodic: bool) -> None:
-        from scipy.spatial import Voronoi
-
-        n, dim = points.shape
-        images, origin, walls = (_repeated if periodic else _mirrored)(points, box, 8.0 * spacing)
-        cells = Voronoi(images)
-        pair = np.sort(cells.ridge_points, axis=1)
-        # outer faces are those between a centre and its own image
-        own = origin[pair[:, 1]] == pair[:, 0]
-        keep = (pair[:, 0] < n) & ((walls[pair[:, 1]] < 0) | own)
-        pair = pair[keep]
-        vertices = [cells.ridge_vertices[f] for f in np.flatnonzero(keep)]
-        area, middle = _faces(cells.vertices, vertices)
-        true = area > 1e-12 * spacing ** (dim - 1)
-        pair, area, middle = pair[true], area[true], middle[true]
-        self.pair, self.area, self.wall = pair, area, walls[pair[:, 1]]
-        self.arms = middle[:, None, :] - images[pair]
-        both = origin[pair]
-        # a face through a side of a periodic box is met from both sides of it
-        self.joins = (self.wall < 0) & ((pair[:, 1] < n) | (both[:, 0] < both[:, 1]))
-        self.joined = both[self.joins]
-        self.volume, moment = np.zeros(n), np.zeros((n, dim))
-        for side in (0, 1):
-            owner = self.pair[:, side] < n
-            centre = points[pair[owner, side]]
-            other = images[pair[owner, 1 - side]]
-            # a cell is the cones from its centre to its faces
-            cone = area[owner] * np.linalg.norm(other - centre, axis=1) / (2 * dim)
-            np.add.at(self.volume, pair[owner, side], cone)
-            at = (dim * middle[owner] + centre) / (dim + 1)
-            np.add.at(moment, pair[owner, side], cone[:, None] * at)
-        self.centroid = moment / self.volume[:, None]
-
-    def sides(self) -> dict[str, Mask]:
-        masks = {}
-        for wall, name in enumerate(SIDES[: 2 * self.arms.shape[2]]):
-            mask = np.zeros(len(self.volume), dtype=bool)
-            mask[self.pair[self.wall == wall, 0]] = True
-            masks[name] = mask
-        return masks
+    if grade is None:
+        return np.zeros_like(cells.centroid)
+    h = grade(cells.centroid)
+    slope = np.empty_like(cells.centroid)
+    for k, shift in enumerate(np.eye(body.dim)):
+        ahead = np.clip(cells.centroid + 0.1 * h[:, None] * shift, body.low, body.high)
+        behind = np.clip(cells.centroid - 0.1 * h[:, None] * shift, body.low, body.high)
+        slope[:, k] = (grade(ahead) - grade(behind)) / (ahead - behind)[:, k]
+    square = cells.volume ** (2.0 / body.dim)
+    way = -0.08 * (body.dim + 2) * (square / h)[:, None] * slope
+    return np.clip(way, -0.2 * h[:, None], 0.2 * h[:, None])
 
 
-def _mirrored(
-    points: Array, box: Array, band: float
-) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Centres and mirror images of those near a side; whose they are; the side, or -1."""
-    n, dim = points.shape
-    images, origin, walls = [points], [np.arange(n)], [np.full(n, -1)]
-    for axis in range(dim):
-        for end, at in enumerate((0.0, box[axis])):
-            near = np.flatnonzero(np.abs(points[:, axis] - at) < band)
-            image = points[near].copy()
-            image[:, axis] = 2.0 * at - image[:, axis]
-            images.append(image)
-            origin.append(near)
-            walls.append(np.full(len(near), 2 * axis + end))
-    return np.concatenate(images), np.concatenate(origin), np.concatenate(walls)
+def _packing(body: Body, x: Array, cells: Cells, plane: str | None, thickness: float) -> Packing:
+    """The packing of cells, once they are found sound."""
+    n, dim = len(x), body.dim
+    bad = cells.volume <= 0.0
+    if bad.any():
+        raise InputError(
+            f"centres {first_ids(bad)} have no cell, the first at {place(x[bad][0])}: others or "
+            "larger spheres leave them no room; move or remove them."
+        )
+    bad = ~body.contains(x)
+    if bad.any():
+        raise InputError(
+            f"centres {first_ids(bad)} are outside the shape, the first at {place(x[bad][0])}: it "
+            "is thinner there than the spacing; reduce spacing."
+        )
+    filled = cells.volume.sum()
+    if abs(filled - body.volume) > 1e-9 * body.volume:
+        raise InputError(
+            f"the cells' volumes sum to {filled:.10g}, the shape's is {body.volume:.10g}: cells "
+            "overlap or leave gaps, as in a mesh that passes through itself; repair the shape."
+        )
+    axis = cells.arms[:, 0] - cells.arms[:, 1]
+    low = np.einsum("bsk,bk->bs", cells.arms, axis) * [1.0, -1.0] <= 0.0
+    bad = np.isin(np.arange(n), cells.pair[low])
+    if bad.any():
+        raise InputError(
+            f"centres {first_ids(bad)} lie outside their cells, the first at {place(x[bad][0])}; "
+            "take radii that differ less or relax more."
+        )
+    bad = np.bincount(cells.pair.ravel(), minlength=n) == 0
+    if bad.any():
+        raise InputError(
+            f"cells {first_ids(bad)} have no neighbour, the first at {place(x[bad][0])}; reduce "
+            "spacing or remove that part of the shape."
+        )
+    order = np.lexsort(cells.pair.T[::-1])
+    thickness = thickness if dim == 2 else 1.0
+    mean = float(body.volume / n)
+    packing = Packing(
+        position=x,
+        volume=cells.volume * thickness,
+        bonds=cells.pair[order],
+        area=cells.area[order] * thickness,
+        arms=cells.arms[order],
+        period=body.high - body.low if isinstance(body, Periodic) else None,
+        plane=plane if dim == 2 else None,
+        thickness=thickness,
+        spacing=sqrt(mean * 2.0 / sqrt(3.0)) if dim == 2 else float(np.cbrt(mean * sqrt(2.0))),
+        sides={} if isinstance(body, Periodic) else cells.sides,
+    )
+    _warn_of_pieces(packing)
+    return packing
 
 
-def _repeated(
-    points: Array, box: Array, band: float
-) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Centres and those of neighbouring boxes near a side; whose they are; -1 for no side."""
-    images, origin = points, np.arange(len(points))
-    for axis, edge in enumerate(box):
-        x = images[:, axis]
-        below, above = np.flatnonzero(x < band), np.flatnonzero(x > edge - band)
-        shift = np.zeros(len(box))
-        shift[axis] = edge
-        images = np.concatenate([images, images[below] + shift, images[above] - shift])
-        origin = np.concatenate([origin, origin[below], origin[above]])
-    return images, origin, np.full(len(images), -1)
-
-
-def _faces(vertices: Array, faces: list[list[int]]) -> tuple[Array, Array]:
-    """Area (in the plane: length) and centroid of convex faces given by their vertices in order."""
-    count = np.array([len(f) for f in faces])
-    first = np.cumsum(count) - count
-    v = vertices[np.concatenate(faces)]
-    if vertices.shape[1] == 2:
-        a, b = v[first], v[first + 1]
-        return np.linalg.norm(b - a, axis=1), 0.5 * (a + b)
-    # a fan of triangles from each face's first vertex
-    face = np.repeat(np.arange(len(faces)), count - 2)
-    step = np.arange(len(face)) - np.repeat(np.cumsum(count - 2) - (count - 2), count - 2)
-    a, b, c = v[first[face]], v[first[face] + step + 1], v[first[face] + step + 2]
-    triangle = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    area = np.bincount(face, triangle, len(faces)).astype(np.float64)
-    moment = np.zeros((len(faces), 3))
-    np.add.at(moment, face, triangle[:, None] * (a + b + c) / 3.0)
-    return area, moment / np.maximum(area, 1e-300)[:, None]
+def _warn_of_pieces(packing: Packing) -> None:
+    label = packing.piece
+    count = label.max() + 1
+    if count > 1:
+        first = [int(np.flatnonzero(label == k)[0]) for k in range(min(count, 3))]
+        sizes = ", ".join(
+            f"{(label == label[i]).sum()} with element {i} at {place(packing.position[i])}"
+            for i in first
+        )
+        warnings.warn(
+            f"the body is in {count} pieces of elements: {sizes}{'' if count <= 3 else ' ...'}.",
+            ModelWarning,
+            stacklevel=4,
+        )
