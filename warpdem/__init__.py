@@ -15,6 +15,7 @@ from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
 
 if TYPE_CHECKING:
+    from .write.field import draw_field
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
 
@@ -48,6 +49,7 @@ __all__ = [
     "Tube",
     "UsdWriter",
     "calibrate",
+    "draw_field",
     "draw_structure",
     "experiments",
     "lattice_bond",
@@ -63,6 +65,10 @@ def __getattr__(name: str) -> object:
         from .write.usd import UsdWriter
 
         return UsdWriter
+    if name == "draw_field":
+        from .write.field import draw_field
+
+        return draw_field
     if name == "draw_structure":
         from .write.structure import draw_structure
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import product
+from math import pi
 
 import numpy as np
 
@@ -230,3 +231,73 @@ def refusals() -> Iterator[Measurement]:
     yield Measurement(
         "random packings refused at nu -0.5, of 3", 3.0, "theory B8", refused, error, 0.0
     )
+
+
+@case("mca")
+def kirsch() -> Iterator[Measurement]:
+    """A hole of radius 20 spacings in a plate 40 radii wide, pulled: stress around its edge."""
+    radius, width = 20.0, 800.0
+    middle = 0.5 * width
+
+    def spacing(x: Array) -> Array:
+        distance = np.linalg.norm(np.atleast_2d(x) - middle, axis=1) - radius
+        return np.clip(1.0 + 0.12 * (distance - 6.0), 1.0, 30.0)
+
+    hole = packing.Disc(radius, centre=(middle, middle))
+    p = packing.voronoi(packing.Plate((width, width), holes=[hole]), spacing, plane="stress")
+    scene = Scene()
+    body = scene.add(p, Material(1.0, 0.3, 1.0))
+    scene.pull(body, p.top, (0.0, STRAIN))
+    scene.pull(body, p.bottom, (0.0, -STRAIN))
+    x = p.position - middle
+    for corner in (-1.0, 1.0):  # held at the middle of two sides, so that nothing turns
+        at = int(np.argmin(np.abs(x[:, 0] - corner * middle) + np.abs(x[:, 1])))
+        scene.hold(body, [at], axes="xy" if corner < 0.0 else "y", rotation=False)
+    sim = still(scene)
+    sim.equilibrate(tolerance=1e-7)
+    edge = p.side("hole")
+    r, angle = np.linalg.norm(x, axis=1)[edge], np.arctan2(x[edge, 1], x[edge, 0])
+    around = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    hoop = np.einsum("na,nab,nb->n", around, sim.stress[edge][:, :2, :2], around) / STRAIN
+    # Kirsch 1898 at the elements' own places; angles from the axis across the pull
+    a2 = (radius / r) ** 2
+    exact = 0.5 * (1.0 + a2) + 0.5 * (1.0 + 3.0 * a2**2) * np.cos(2.0 * angle)
+    for name, near in (
+        ("across the pull (3 at the edge)", np.abs(np.sin(angle)) < 0.1),
+        ("along the pull (-1 at the edge)", np.abs(np.cos(angle)) < 0.1),
+    ):
+        wanted, found = float(exact[near].mean()), float(hoop[near].mean())
+        what = f"hoop stress of the edge's elements over the pull, {name}"
+        error = abs(found - wanted) / 3.0
+        yield Measurement(what, wanted, "Kirsch, there", found, error, 0.02)
+    worst = float(np.sqrt(((hoop - exact) ** 2).mean()) / 3.0)
+    what = "root mean square error around the edge over the greatest stress"
+    yield vanishing(what, "Kirsch", worst, 0.02)
+
+
+@case("mca")
+def brazilian_disc() -> Iterator[Measurement]:
+    """A disc 80 spacings across pressed between two narrow plates: stresses at its centre."""
+    p = packing.voronoi(packing.Disc(40.0), 1.0, plane="stress", seed=2)
+    scene = Scene()
+    body = scene.add(p, Material(1.0, 0.25, 1.0))
+    x = p.position
+    force = 1e-4
+    for sign in (1.0, -1.0):
+        pressed = p.side("outer") & (sign * x[:, 1] > 0.0) & (np.abs(x[:, 0]) < 2.0)
+        share = force / pressed.sum()
+        scene.load(body, pressed, force=(0.0, -sign * share))
+    # held far from the centre, against moving and turning as a whole
+    scene.hold(body, [int(np.argmin(x[:, 0] + np.abs(x[:, 1])))], rotation=False)
+    scene.hold(body, [int(np.argmax(x[:, 0] - np.abs(x[:, 1])))], axes="y", rotation=False)
+    sim = still(scene)
+    sim.equilibrate(tolerance=1e-7)
+    near = np.linalg.norm(x, axis=1) < 3.0
+    stress = np.average(sim.stress[near], axis=0, weights=p.volume[near])
+    unit = force / (pi * 80.0)
+    for name, found, exact in (
+        ("tension across the load", stress[0, 0], 2.0 * unit),
+        ("compression along it", stress[1, 1], -6.0 * unit),
+    ):
+        error = abs(found / exact - 1.0)
+        yield Measurement(f"{name} [Pa]", exact, "Hertz, 2P/(pi D t)", float(found), error, 0.02)
