@@ -9,7 +9,7 @@ import warpdem as wd
 OUT = Path("out/glass_plate")
 
 glass = wd.Material(young=72e9, poisson=0.22, density=2440)
-plate = wd.packing.voronoi(size=(0.1, 0.04), spacing=1e-3, plane="stress", seed=1)
+plate = wd.packing.voronoi((0.1, 0.04), spacing=1e-3, plane="stress", seed=1)
 scene = wd.Scene()
 body = scene.add(plate, glass, fracture=wd.DruckerPrager(compression=150e6, ratio=3))
 scene.cut(body, start=(0, 0.02), end=(0.05, 0.02))

@@ -218,10 +218,10 @@ def natural_frequencies(step: Step, spacing: float, count: int) -> Array:
         shift = -1e-6 * abs(matrix.diagonal() / whole.diagonal()).max()
         square = eigsh(matrix.tocsc(), count, whole, sigma=shift, return_eigenvectors=False)
     square = np.sort(square)
-    # rigid motions, but for rounding
-    inertias = np.diagonal(masses, axis1=1, axis2=2).ravel()[free]
-    greatest = float(np.abs(matrix.diagonal() / inertias).max())
-    square[np.abs(square) < 1e-13 * greatest] = 0.0
+    if _free(m).all():  # a free body's rigid motions, but for rounding
+        rigid = 3 if m.features.dim == 2 else 6
+        square[np.argsort(np.abs(square))[:rigid]] = 0.0
+        square = np.sort(square)
     return np.sign(square) * np.sqrt(np.abs(square))
 
 

@@ -162,7 +162,7 @@ def dashpots() -> Iterator[Measurement]:
     yield vanishing("momentum and angular momentum, 2000 steps", "conservation", error, 1e-12)
     taken = ledger["damping"] / (ledger["damping"] + ledger["kinetic"] + ledger["pair"])
     yield at_least("share of the energy taken by then", "damping", taken, 0.5)
-    yield vanishing("energy error of the books", "conservation", sim.energy_error, 2e-5)
+    yield vanishing("energy error of the books", "conservation", sim.energy_error, 5e-5)
     # a strained body that turns as a whole
     turn = np.array([0.3, -0.2, 0.5])
     sim.set_state(

@@ -205,7 +205,8 @@ def spinning_body() -> Iterator[Measurement]:
         ledger = sim.energy()
         energy.append(sum(ledger[k] for k in ("kinetic", "pair", "volume", "integrator")))
         force, place = sim.force, sim.position - centre
-        moment = np.cross(place, force).sum() + sim.torque.sum()
+        lever = place[:, 0] * force[:, 1] - place[:, 1] * force[:, 0]
+        moment = lever.sum() + sim.torque.sum()
         size = np.abs(force).sum()
         balance = max(balance, float(np.abs(force.sum(axis=0)).max() / size))
         balance = max(balance, float(abs(moment) / (size * 3.5)))
