@@ -105,24 +105,26 @@ def polydisperse(
     periodic: bool = False,
     tell: Tell | None = None,
 ) -> Packing:
-    """Radical cells of sizes in given proportions, at random places filling a shape.
+    """Radical cells of spheres of given proportions, at random places filling a shape.
 
-    radius (n,): proportions of the radii, of any distribution; they are scaled so that the spheres'
-    volumes are those of the cells together, as if they filled the shape. Other arguments as of
-    voronoi; of a wide distribution, raise relaxations if centres are outside their cells.
+    radius (n,): of any distribution; radii are scaled so that the spheres' volumes are 0.64 of the
+    shape's (discs' 0.84), as in a dense random packing. The spheres grow from points while they
+    move towards the centroids of their cells. Other arguments as of voronoi.
+
+    Raises InputError as laguerre does; more relaxations help.
     """
     rng = np.random.default_rng(seed)
     r = positive("radius", radius, (None,))
     body = _fine(_shape(shape), len(r), periodic)
-    ball = pi if body.dim == 2 else 4.0 / 3.0 * pi
-    r = r * (body.volume / (ball * (r**body.dim).sum())) ** (1.0 / body.dim)
+    ball, part = (pi, 0.84) if body.dim == 2 else (4.0 / 3.0 * pi, 0.64)
+    r = r * (part * body.volume / (ball * (r**body.dim).sum())) ** (1.0 / body.dim)
     x = _points(body, len(r), rng, even=True)
-    x, cells = _relaxed(body, x, r**2, relaxations, None, _teller(tell, len(x)))
+    x, cells = _relaxed(body, x, r**2, relaxations, None, _teller(tell, len(x)), grow=True)
     return _packing(body, x, cells, plane, thickness)
 
 
 def _shape(shape: Shape | Sequence[float]) -> Shape:
-    return Box(tuple(shape)) if isinstance(shape, Sequence | np.ndarray) else shape
+    return Box(tuple(shape)) if isinstance(shape, list | tuple | np.ndarray) else shape
 
 
 def _fine(shape: Shape, count: int, periodic: bool) -> Body:
@@ -196,21 +198,24 @@ def _relaxed(
     relaxations: int,
     grade: Callable[[Array], Array] | None,
     tell: Tell,
+    grow: bool = False,
 ) -> tuple[Array, Cells]:
     """Centres after sweeps towards centroids, and their cells.
 
+    If the spheres are to grow, they do so in the first half of the sweeps, from points.
     Where a cell is in several pieces, as on both sides of a slit, each gets a centre of its own.
     """
-    began = time.perf_counter()
+    began, most = time.perf_counter(), 2 * len(x)
     for attempt in range(6):
         sweeps = relaxations if attempt == 0 else min(relaxations, 3)
         for sweep in range(sweeps):
-            cells = body.cells(x, weight, faces=False)
+            size = min(1.0, 2.0 * (sweep + 1) / sweeps) if grow else 1.0
+            grown = None if weight is None else weight * size**2
+            cells = body.cells(x, grown, faces=False)
             if weight is None:
-                step = cells.centroid - x + _drift(body, cells, grade)
-                some = cells.volume > 0.0
                 over = OVER if sweep else 1.0
-                x = np.concatenate([(x + over * step)[some], cells.orphans])
+                x = x + over * (cells.centroid - x + _drift(body, cells, grade))
+                x = np.concatenate([x[cells.volume > 0.0], cells.orphans])
             else:
                 x = np.where(cells.volume[:, None] > 0.0, cells.centroid, x)
             x = body.wrapped(x)
@@ -219,7 +224,7 @@ def _relaxed(
         cells = body.cells(x, weight, faces=True)
         if not len(cells.torn):
             return x, cells
-        if weight is not None:
+        if weight is not None or len(x) > most:
             break
         x = np.concatenate([x, cells.orphans])
     where = ", ".join(place(p) for p in cells.orphans[:3])
@@ -267,7 +272,7 @@ def _packing(body: Body, x: Array, cells: Cells, plane: str | None, thickness: f
     if abs(filled - body.volume) > 1e-9 * body.volume:
         raise InputError(
             f"the cells' volumes sum to {filled:.10g}, the shape's is {body.volume:.10g}: cells "
-            "overlap or leave gaps, as in a mesh that passes through itself; repair the shape."
+            "overlap or leave gaps; check the shape."
         )
     axis = cells.arms[:, 0] - cells.arms[:, 1]
     low = np.einsum("bsk,bk->bs", cells.arms, axis) * [1.0, -1.0] <= 0.0
