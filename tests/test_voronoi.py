@@ -1,3 +1,4 @@
+import sys
 from dataclasses import fields
 from math import pi
 
@@ -150,7 +151,7 @@ def test_spheres_that_make_bad_cells_are_refused():
     with pytest.raises(wd.InputError, match=r"centres 1 have no cell.*\(1.5, 3\)"):
         laguerre((5.0, 5.0), x, [0.5, 0.1, 0.5, 0.5, 3.5])
     with pytest.raises(wd.InputError, match="spheres 0 have their centres outside"):
-        laguerre(Disc(3.0), np.array(x) - 3.0, 0.5 * np.ones(5))
+        laguerre(Disc(2.7), np.array(x) - 3.0, 0.5 * np.ones(5))
 
 
 @pytest.mark.parametrize(
@@ -278,3 +279,10 @@ def test_damaged_files_are_refused(tmp_path):
     path.write_bytes(b"PK\3\4 torn")
     with pytest.raises(wd.InputError, match="not an NPZ file"):
         wd.packing.load(path)
+
+
+@pytest.mark.parametrize(("shape", "name"), [(Disc(3.0), "shapely"), (Sphere(3.0), "manifold3d")])
+def test_missing_library_is_named(monkeypatch, shape, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(wd.InputError, match=f"need {name}; install it with .*geometry"):
+        voronoi(shape, 1.0)

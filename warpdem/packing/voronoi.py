@@ -5,6 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from math import ceil, inf, log2, pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,7 +124,7 @@ def polydisperse(
     return _packing(body, x, cells, plane, thickness)
 
 
-def _shape(shape: Shape | Sequence[float]) -> Shape:
+def _shape(shape: Any) -> Shape:
     return Box(tuple(shape)) if isinstance(shape, list | tuple | np.ndarray) else shape
 
 
