@@ -21,12 +21,12 @@ Tell = Callable[[str], None]
 
 MANY = 20_000  # cells from which on a build takes long enough to tell of it
 SAMPLES = 4096  # points at which the local spacing is asked for beforehand
-FINE = 6.0  # edges of a curved side for each spacing
+FINE = {2: 6.0, 3: 2.0}  # edges of a curved side for each spacing
 OVER = 1.8  # a sweep's step over the way to the centroid: it does the work of nearly two
 
 
 def voronoi(
-    shape: Shape | Sequence[float],
+    size: Shape | Sequence[float],
     spacing: Spacing,
     plane: str | None = "strain",
     thickness: float = 1.0,
@@ -37,24 +37,25 @@ def voronoi(
 ) -> Packing:
     """Voronoi cells of random centres filling a shape, relaxed towards their centroids (Lloyd).
 
-    shape: one of the shapes of this module, or the edges [m] of a box from the origin, two in the
-    plane, three in space, where plane and thickness [m] have no meaning. spacing [m]: of a
-    hexagonal (fcc) packing with as many elements; for a graded one a function that gives it, (m,),
-    at points (m, dim). seed: of the centres. relaxations: sweeps of centres that start spread
-    evenly; 0 for centres without any order, whose cells cost a many times smaller time step (theory
-    B8). Cells are clipped to the shape, whose circles and spheres are polygons and polyhedra of
-    their area and volume with edges of a sixth of the spacing, or, if periodic, repeat with the
-    box. tell: called with a line of text after every sweep; by default those of 20,000 cells and
-    more go to stderr.
+    size: edges [m] of a box from the origin, two in the plane, three in space (where plane and
+    thickness [m] have no meaning), or a shape of this module. spacing [m]: of a hexagonal (fcc)
+    packing with as many elements; for a graded one a function that gives it, (m,), at points
+    (m, dim). seed: of the centres. relaxations: sweeps, of centres that start spread evenly; 0 for
+    centres without any order, whose cells cost a many times smaller time step (theory B8). periodic:
+    cells repeat with the box. tell: called with a line of text after every sweep; by default those
+    of 20,000 cells and more go to stderr.
+
+    Cells are clipped to the shape. Its circles and spheres are polygons of their area, edges a sixth
+    of the spacing, and polyhedra of their volume, edges half of it.
 
     Shapes other than boxes need warpdem[geometry]. Raises InputError for a shape that is not simple
     or not closed, and for cells that do not fill it; warns of a body in several pieces.
     """
     rng = np.random.default_rng(seed)
-    shape, local = _shape(shape), _local(spacing)
+    shape, local = _shape(size), _local(spacing)
     rough = body_of(shape, inf, periodic)
     h = local(_points(rough, SAMPLES, rng))
-    body = body_of(shape, float(h.min()) / FINE, periodic)
+    body = body_of(shape, float(h.min()) / FINE[rough.dim], periodic)
     cell = 0.5 * sqrt(3.0) * h**2 if body.dim == 2 else h**3 / sqrt(2.0)
     count = round(body.volume * float((1.0 / cell).mean()))
     _enough(count, body.dim)
@@ -132,7 +133,9 @@ def _fine(shape: Shape, count: int, periodic: bool) -> Body:
     """The body for a number of elements."""
     rough = body_of(shape, inf, periodic)
     _enough(count, rough.dim)
-    return body_of(shape, float((rough.volume / count) ** (1.0 / rough.dim)) / FINE, periodic)
+    return body_of(
+        shape, float((rough.volume / count) ** (1.0 / rough.dim)) / FINE[rough.dim], periodic
+    )
 
 
 def _enough(count: int, dim: int) -> None:
