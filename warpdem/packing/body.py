@@ -174,13 +174,14 @@ class Plane(Body):
         n, spacing = len(x), _spacing(self, len(x))
         tessellation = _among_far(self, x, weight)
         volume, centroid = tessellation.measures()
-        polygon = self._polygons(tessellation)
-        inside = shapely.contains_properly(self.polygon, polygon)
-        cut = np.flatnonzero(~inside)
-        clipped = shapely.intersection(polygon[cut], self.polygon)
+        cell, polygon = self._polygons(tessellation)
+        crossing = ~shapely.contains_properly(self.polygon, polygon)
+        cut = cell[crossing]
+        clipped = shapely.intersection(polygon[crossing], self.polygon)
         volume[cut] = shapely.area(clipped)
         part, owner = shapely.get_parts(clipped, return_index=True)
-        owner, area = cut[owner], shapely.area(part)
+        part, owner = part[shapely.area(part) > 0.0], cut[owner][shapely.area(part) > 0.0]
+        area = shapely.area(part)
         main, orphan = _largest(owner, area, spacing**2)
         middle = self._centroid(part)
         centroid[owner[main]] = middle[main]
@@ -207,25 +208,22 @@ class Plane(Body):
     def _centroid(self, parts: NDArray) -> Array:
         return self.shapely.get_coordinates(self.shapely.centroid(parts))
 
-    def _polygons(self, tessellation: Tessellation) -> Array:
-        """The cells before clipping."""
-        n = tessellation.n
-        cell, vertex = [], []
+    def _polygons(self, tessellation: Tessellation) -> tuple[Ids, NDArray]:
+        """Generators that have a cell, and these cells before clipping."""
+        cells, vertices = [], []
         for side in (0, 1):
-            real = tessellation.pair[:, side] < n
+            real = tessellation.pair[:, side] < tessellation.n
             for end in (0, 1):
-                cell.append(tessellation.pair[real, side])
-                vertex.append(tessellation.ends[real, end])
-        corner = np.unique(np.stack([np.concatenate(cell), np.concatenate(vertex)]), axis=1)
-        at = tessellation.vertex[corner[1]]
-        middle = np.stack(
-            [np.bincount(corner[0], a, n) / np.bincount(corner[0], minlength=n) for a in at.T],
-            axis=1,
-        )
-        way = at - middle[corner[0]]
-        order = np.lexsort((np.arctan2(way[:, 1], way[:, 0]), corner[0]))
-        rings = self.shapely.linearrings(at[order], indices=corner[0][order])
-        return self.shapely.polygons(rings)
+                cells.append(tessellation.pair[real, side])
+                vertices.append(tessellation.ends[real, end])
+        corners = np.unique([np.concatenate(cells), np.concatenate(vertices)], axis=1)
+        cell, number, count = np.unique(corners[0], return_inverse=True, return_counts=True)
+        at = tessellation.vertex[corners[1]]
+        middle = np.stack([np.bincount(number, a) / count for a in at.T], axis=1)
+        x, y = (at - middle[number]).T
+        order = np.lexsort((np.arctan2(y, x), number))
+        rings = self.shapely.linearrings(at[order], indices=number[order])
+        return cell, self.shapely.polygons(rings)
 
     def _sides(self, n: int, part: Array, owner: Ids, spacing: float) -> dict[str, Mask]:
         shapely = self.shapely
@@ -239,6 +237,9 @@ class Plane(Body):
             shapely.prepare(line)
             sides[name] = np.zeros(n, dtype=bool)
             sides[name][cell[shapely.dwithin(middle, line, 1e-7 * spacing)]] = True
+        holes = [mask for name, mask in sides.items() if name.startswith("hole ")]
+        if holes:
+            sides["hole"] = np.any(holes, axis=0)
         return sides
 
 
@@ -251,6 +252,12 @@ class Solid(Body):
         self.low, self.high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
         self.volume = enclosed(surface.vertices, surface.triangles)
         self.mesh, self.number = self._made(surface.vertices, surface.triangles)
+        once = (self.mesh + self.mesh).volume()
+        if abs(once - self.volume) > 1e-9 * self.volume:
+            raise InputError(
+                f"the mesh passes through itself: it encloses {self.volume:.10g} m^3, but parts of "
+                "that twice or inside out; repair it or give the union of its parts."
+            )
         self.step = step
 
     @cached_property
@@ -320,10 +327,11 @@ class Solid(Body):
         cut = np.append(cut, np.zeros(len(tessellation.x) - n, dtype=bool))
         f.area[cut[i] & cut[j]] = 0.0
         # a face between two clipped cells is taken from the first of them
-        first = ~free & (i[face[source]] == owner[piece]) & (j[face[source]] < n)
-        first &= cut[j[face[source]]]
-        of = face[source[first]]
-        a, b, c = at[tri[first].T]
+        part = np.flatnonzero(~free)
+        of = face[source[part]]
+        first = (i[of] == owner[piece[part]]) & (j[of] < n) & cut[j[of]]
+        part, of = part[first], of[first]
+        a, b, c = np.moveaxis(at[tri[part]], 1, 0)
         area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
         f.area += np.bincount(of, area, len(f.area))
         clipped = np.unique(of)

@@ -178,8 +178,7 @@ class Packing:
         error = np.abs(moment - self.volume[:, None, None] * np.eye(dim)).max(axis=(1, 2))
         # a chain or a sheet one element thick is closed in no other sense: its faces fill less
         filled = np.trace(moment, axis1=1, axis2=2) / (dim * self.volume)
-        inner &= filled > 0.9
-        bad = (inner & (error > 1e-8 * self.volume)) | (filled > 1.0 + 1e-8)
+        bad = inner & (filled > 0.9) & (error > 1e-8 * self.volume)
         if bad.any():
             raise InputError(
                 f"the faces of elements {first_ids(bad)} do not enclose their volume: "

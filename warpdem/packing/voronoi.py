@@ -5,6 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from math import ceil, inf, log2, pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,12 +21,12 @@ Tell = Callable[[str], None]
 
 MANY = 20_000  # cells from which on a build takes long enough to tell of it
 SAMPLES = 4096  # points at which the local spacing is asked for beforehand
-FINE = 6.0  # edges of a curved side for each spacing
+FINE = {2: 6.0, 3: 2.0}  # edges of a curved side for each spacing
 OVER = 1.8  # a sweep's step over the way to the centroid: it does the work of nearly two
 
 
 def voronoi(
-    shape: Shape | Sequence[float],
+    size: Shape | Sequence[float],
     spacing: Spacing,
     plane: str | None = "strain",
     thickness: float = 1.0,
@@ -36,24 +37,25 @@ def voronoi(
 ) -> Packing:
     """Voronoi cells of random centres filling a shape, relaxed towards their centroids (Lloyd).
 
-    shape: one of the shapes of this module, or the edges [m] of a box from the origin, two in the
-    plane, three in space, where plane and thickness [m] have no meaning. spacing [m]: of a
-    hexagonal (fcc) packing with as many elements; for a graded one a function that gives it, (m,),
-    at points (m, dim). seed: of the centres. relaxations: sweeps of centres that start spread
-    evenly; 0 for centres without any order, whose cells cost a many times smaller time step (theory
-    B8). Cells are clipped to the shape, whose circles and spheres are polygons and polyhedra of
-    their area and volume with edges of a sixth of the spacing, or, if periodic, repeat with the
-    box. tell: called with a line of text after every sweep; by default those of 20,000 cells and
-    more go to stderr.
+    size: edges [m] of a box from the origin, two in the plane, three in space (where plane and
+    thickness [m] have no meaning), or a shape of this module. spacing [m]: of a hexagonal (fcc)
+    packing with as many elements; for a graded one a function that gives it, (m,), at points
+    (m, dim). seed: of the centres. relaxations: sweeps, of centres that start spread evenly; 0 for
+    centres without any order, whose cells cost a many times smaller time step (theory B8). periodic:
+    cells repeat with the box. tell: called with a line of text after every sweep; by default those
+    of 20,000 cells and more go to stderr.
+
+    Cells are clipped to the shape. Its circles and spheres are polygons of their area, edges a sixth
+    of the spacing, and polyhedra of their volume, edges half of it.
 
     Shapes other than boxes need warpdem[geometry]. Raises InputError for a shape that is not simple
     or not closed, and for cells that do not fill it; warns of a body in several pieces.
     """
     rng = np.random.default_rng(seed)
-    shape, local = _shape(shape), _local(spacing)
+    shape, local = _shape(size), _local(spacing)
     rough = body_of(shape, inf, periodic)
     h = local(_points(rough, SAMPLES, rng))
-    body = body_of(shape, float(h.min()) / FINE, periodic)
+    body = body_of(shape, float(h.min()) / FINE[rough.dim], periodic)
     cell = 0.5 * sqrt(3.0) * h**2 if body.dim == 2 else h**3 / sqrt(2.0)
     count = round(body.volume * float((1.0 / cell).mean()))
     _enough(count, body.dim)
@@ -105,31 +107,35 @@ def polydisperse(
     periodic: bool = False,
     tell: Tell | None = None,
 ) -> Packing:
-    """Radical cells of sizes in given proportions, at random places filling a shape.
+    """Radical cells of spheres of given proportions, at random places filling a shape.
 
-    radius (n,): proportions of the radii, of any distribution; they are scaled so that the spheres'
-    volumes are those of the cells together, as if they filled the shape. Other arguments as of
-    voronoi; of a wide distribution, raise relaxations if centres are outside their cells.
+    radius (n,): of any distribution; radii are scaled so that the spheres' volumes are 0.64 of the
+    shape's (discs' 0.84), as in a dense random packing. The spheres grow from points while they
+    move towards the centroids of their cells. Other arguments as of voronoi.
+
+    Raises InputError as laguerre does; more relaxations help.
     """
     rng = np.random.default_rng(seed)
     r = positive("radius", radius, (None,))
     body = _fine(_shape(shape), len(r), periodic)
-    ball = pi if body.dim == 2 else 4.0 / 3.0 * pi
-    r = r * (body.volume / (ball * (r**body.dim).sum())) ** (1.0 / body.dim)
+    ball, part = (pi, 0.84) if body.dim == 2 else (4.0 / 3.0 * pi, 0.64)
+    r = r * (part * body.volume / (ball * (r**body.dim).sum())) ** (1.0 / body.dim)
     x = _points(body, len(r), rng, even=True)
-    x, cells = _relaxed(body, x, r**2, relaxations, None, _teller(tell, len(x)))
+    x, cells = _relaxed(body, x, r**2, relaxations, None, _teller(tell, len(x)), grow=True)
     return _packing(body, x, cells, plane, thickness)
 
 
-def _shape(shape: Shape | Sequence[float]) -> Shape:
-    return Box(tuple(shape)) if isinstance(shape, Sequence | np.ndarray) else shape
+def _shape(shape: Any) -> Shape:
+    return Box(tuple(shape)) if isinstance(shape, list | tuple | np.ndarray) else shape
 
 
 def _fine(shape: Shape, count: int, periodic: bool) -> Body:
     """The body for a number of elements."""
     rough = body_of(shape, inf, periodic)
     _enough(count, rough.dim)
-    return body_of(shape, float((rough.volume / count) ** (1.0 / rough.dim)) / FINE, periodic)
+    return body_of(
+        shape, float((rough.volume / count) ** (1.0 / rough.dim)) / FINE[rough.dim], periodic
+    )
 
 
 def _enough(count: int, dim: int) -> None:
@@ -196,21 +202,24 @@ def _relaxed(
     relaxations: int,
     grade: Callable[[Array], Array] | None,
     tell: Tell,
+    grow: bool = False,
 ) -> tuple[Array, Cells]:
     """Centres after sweeps towards centroids, and their cells.
 
+    If the spheres are to grow, they do so in the first half of the sweeps, from points.
     Where a cell is in several pieces, as on both sides of a slit, each gets a centre of its own.
     """
-    began = time.perf_counter()
+    began, most = time.perf_counter(), 2 * len(x)
     for attempt in range(6):
         sweeps = relaxations if attempt == 0 else min(relaxations, 3)
         for sweep in range(sweeps):
-            cells = body.cells(x, weight, faces=False)
+            size = min(1.0, 2.0 * (sweep + 1) / sweeps) if grow else 1.0
+            grown = None if weight is None else weight * size**2
+            cells = body.cells(x, grown, faces=False)
             if weight is None:
-                step = cells.centroid - x + _drift(body, cells, grade)
-                some = cells.volume > 0.0
                 over = OVER if sweep else 1.0
-                x = np.concatenate([(x + over * step)[some], cells.orphans])
+                x = x + over * (cells.centroid - x + _drift(body, cells, grade))
+                x = np.concatenate([x[cells.volume > 0.0], cells.orphans])
             else:
                 x = np.where(cells.volume[:, None] > 0.0, cells.centroid, x)
             x = body.wrapped(x)
@@ -219,7 +228,7 @@ def _relaxed(
         cells = body.cells(x, weight, faces=True)
         if not len(cells.torn):
             return x, cells
-        if weight is not None:
+        if weight is not None or len(x) > most:
             break
         x = np.concatenate([x, cells.orphans])
     where = ", ".join(place(p) for p in cells.orphans[:3])
@@ -267,7 +276,7 @@ def _packing(body: Body, x: Array, cells: Cells, plane: str | None, thickness: f
     if abs(filled - body.volume) > 1e-9 * body.volume:
         raise InputError(
             f"the cells' volumes sum to {filled:.10g}, the shape's is {body.volume:.10g}: cells "
-            "overlap or leave gaps, as in a mesh that passes through itself; repair the shape."
+            "overlap or leave gaps; check the shape."
         )
     axis = cells.arms[:, 0] - cells.arms[:, 1]
     low = np.einsum("bsk,bk->bs", cells.arms, axis) * [1.0, -1.0] <= 0.0
