@@ -47,6 +47,9 @@ def voronoi(
 
     Cells are clipped to the shape. Its circles and spheres are polygons of their area, edges a
     sixth of the spacing, and polyhedra of their volume, edges half of it.
+
+    Shapes other than boxes need warpdem[geometry]. Raises InputError for a shape that is not simple
+    or not closed, and for cells that do not fill it; warns of a body in several pieces.
     """
     rng = np.random.default_rng(seed)
     shape, local = _shape(size), _local(spacing)

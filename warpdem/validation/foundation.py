@@ -299,7 +299,8 @@ def time_step() -> Iterator[Measurement]:
             sim = Simulation(scene, dt=factor * limit, force_dt=True)
             start, growth[factor] = sim.energy()["kinetic"], 0.0
             while sim.steps < steps and growth[factor] < 1e6:
-                sim.run(steps=1000)
+                # divergence is to be seen before numbers overflow
+                sim.run(steps=1000 if factor < 1.0 else 20)
                 growth[factor] = max(growth[factor], sim.energy()["kinetic"] / start)
         where = f"{name}, nu {poisson}"
         yield Measurement(
