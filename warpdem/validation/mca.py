@@ -149,14 +149,28 @@ def _layers(
     sim = still(scene)
     sim.equilibrate(tolerance=1e-7)
     x, y = p.position.T
-    column = np.flatnonzero(np.abs(x - 30.5) < 0.1)
+    column = np.flatnonzero(np.abs(x - np.floor(x.mean()) - 0.5) < 0.1)
     column = column[np.argsort(y[column])]
     stress = sim.stress[column]
     if not across:
         return float(stress[:, 0, 0].mean() / STRAIN)
-    low, high = column[2 * layer], column[10 * layer]  # four periods apart
+    low, high = column[2 * layer], column[-2 * layer]  # whole periods apart
     u = sim.displacement[:, 1]
-    return float(stress[6 * layer, 1, 1] / ((u[high] - u[low]) / (y[high] - y[low])))
+    return float(stress[len(column) // 2, 1, 1] / ((u[high] - u[low]) / (y[high] - y[low])))
+
+
+@case("mca", slow=True)
+def fine_laminate() -> Iterator[Measurement]:
+    """The same at 32 elements a layer, six layers."""
+    materials = Material(1.0, 0.2, 1.0), Material(1.0, 0.45, 1.0)
+    p = packing.square((400.0, 192.0), 1.0)
+    grain = np.floor(p.position[:, 1] / 32.0 + 1e-9).astype(int) % 2
+    moduli = [m.lame("strain") + 2.0 * m.shear_modulus for m in materials]
+    within = [m.plane_modulus("strain") for m in materials]
+    for name, exact in (("across", 2.0 / sum(1.0 / m for m in moduli)), ("along", np.mean(within))):
+        found = _layers(p, materials, grain, 32, name)
+        error = abs(found / exact - 1.0)
+        yield Measurement(f"modulus {name}", float(exact), "layers", found, error, 5e-3)
 
 
 @case("mca")
