@@ -31,7 +31,7 @@ def voronoi(
     plane: str | None = "strain",
     thickness: float = 1.0,
     seed: int = 0,
-    relaxations: int = 8,
+    relaxations: int = 6,
     periodic: bool = False,
     tell: Tell | None = None,
 ) -> Packing:
@@ -41,12 +41,12 @@ def voronoi(
     thickness [m] have no meaning), or a shape of this module. spacing [m]: of a hexagonal (fcc)
     packing with as many elements; for a graded one a function that gives it, (m,), at points
     (m, dim). seed: of the centres. relaxations: sweeps, of centres that start spread evenly; 0 for
-    centres without any order, whose cells cost a many times smaller time step (theory B8). periodic:
-    cells repeat with the box. tell: called with a line of text after every sweep; by default those
-    of 20,000 cells and more go to stderr.
+    centres without any order, whose cells cost a many times smaller time step (theory B8).
+    periodic: cells repeat with the box. tell: called with a line of text after every sweep; by
+    default those of 20,000 cells and more go to stderr.
 
-    Cells are clipped to the shape. Its circles and spheres are polygons of their area, edges a sixth
-    of the spacing, and polyhedra of their volume, edges half of it.
+    Cells are clipped to the shape. Its circles and spheres are polygons of their area, edges a
+    sixth of the spacing, and polyhedra of their volume, edges half of it.
 
     Shapes other than boxes need warpdem[geometry]. Raises InputError for a shape that is not simple
     or not closed, and for cells that do not fill it; warns of a body in several pieces.
