@@ -1,6 +1,7 @@
 """Bodies that generators are put into: which points they hold, and the cells clipped to them."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
 from types import ModuleType
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..errors import Array, InputError
 from .packing import SIDES, Mask
-from .shapes import Box, Outline, Shape, Surface, enclosed
-from .tessellation import Cells, Faces, Ids, Tessellation
+from .shapes import Box, Outline, Shape, Surface, enclosed, place
+from .tessellation import Cells, Faces, Ids, Tessellation, dot
 
 
 def body_of(shape: Shape, step: float, periodic: bool) -> "Body":
@@ -69,16 +70,12 @@ class Walls(Body):
     def cells(self, x: Array, weight: Array | None, faces: bool) -> Cells:
         """The cells of generators, with faces and sides if asked for."""
         n, spacing = len(x), _spacing(self, len(x))
-        band = 1.5 * spacing
+        band, blur = 1.5 * spacing, 0.0 if faces else 1e-3
         while True:
-            image, origin, wall = self._images(x, band)
-            if not faces:
-                # all but in place: equal distances are a triangulation's slow case
-                way = np.abs(image[n:] - x[origin[n:]]).sum(axis=1)[:, None]
-                image[n:] += 1e-3 * way * np.random.default_rng(0).random((len(way), self.dim))
+            image, origin, wall = self._images(x, band, blur)
             w = None if weight is None else weight[origin]
             tessellation = Tessellation(image, n, w)
-            if self._bounded(tessellation, band):
+            if self._bounded(tessellation, band, 1e-6 + 10.0 * blur):
                 break
             band *= 2.0
         volume, centroid = tessellation.measures()
@@ -98,26 +95,31 @@ class Walls(Body):
             cells.sides[name][i[own & (wall[j] == k)]] = True
         return cells
 
-    def _images(self, x: Array, band: float) -> tuple[Array, Ids, Ids]:
-        """Generators and mirror images of those near a wall; whose they are; the wall, or -1."""
+    def _images(self, x: Array, band: float, blur: float) -> tuple[Array, Ids, Ids]:
+        """Generators and mirror images of those near a wall; whose they are; the wall, or -1.
+
+        Images are blurred, by a part of their distance, where cells need not be exact: equal
+        distances are a triangulation's slow case.
+        """
+        rng = np.random.default_rng(0)
         images, origin, walls = [x], [np.arange(len(x))], [np.full(len(x), -1)]
         for axis in range(self.dim):
             for end, at in enumerate((self.low[axis], self.high[axis])):
                 near = np.flatnonzero(np.abs(x[:, axis] - at) < band)
                 image = x[near].copy()
-                image[:, axis] = 2.0 * at - image[:, axis]
+                way = at - image[:, axis]
+                image[:, axis] += 2.0 * way * (1.0 + blur * rng.random(len(near)))
                 images.append(image)
                 origin.append(near)
                 walls.append(np.full(len(near), 2 * axis + end))
         return np.concatenate(images), np.concatenate(origin), np.concatenate(walls)
 
-    def _bounded(self, tessellation: Tessellation, band: float) -> bool:
+    def _bounded(self, tessellation: Tessellation, band: float, tiny: float) -> bool:
         """Whether the images that there are bound every cell at the walls."""
         if band > 2.0 * (self.high - self.low).max():
             return True
         v = tessellation.vertex[tessellation.ends.ravel()]
-        tiny = 1e-2 * band
-        return bool(((v > self.low - tiny) & (v < self.high + tiny)).all())
+        return bool(((v > self.low - tiny * band) & (v < self.high + tiny * band)).all())
 
 
 class Periodic(Walls):
@@ -127,7 +129,7 @@ class Periodic(Walls):
         """Points where they are inside the box."""
         return self.low + (x - self.low) % (self.high - self.low)
 
-    def _images(self, x: Array, band: float) -> tuple[Array, Ids, Ids]:
+    def _images(self, x: Array, band: float, blur: float) -> tuple[Array, Ids, Ids]:
         images, origin = x, np.arange(len(x))
         for axis in range(self.dim):
             at = images[:, axis]
@@ -139,7 +141,7 @@ class Periodic(Walls):
             origin = np.concatenate([origin, origin[below], origin[above]])
         return images, origin, np.full(len(images), -1)
 
-    def _bounded(self, tessellation: Tessellation, band: float) -> bool:
+    def _bounded(self, tessellation: Tessellation, band: float, tiny: float) -> bool:
         enough = band > (self.high - self.low).max()
         return enough or bool(2.0 * tessellation.reach().max() < band)
 
@@ -190,7 +192,7 @@ class Plane(Body):
             return cells
         f = tessellation.faces()
         i, j = f.pair.T
-        both = np.zeros(len(x) + 8, dtype=bool)
+        both = np.zeros(len(tessellation.x), dtype=bool)
         both[cut] = True
         at = np.flatnonzero(both[i] & both[j])
         line = shapely.linestrings(tessellation.vertex[tessellation.ends[_first(f.face)[at]]])
@@ -243,6 +245,18 @@ class Plane(Body):
         return sides
 
 
+@dataclass
+class _Clipped:
+    """Corners of triangles (t, 3, 3) that bound clipped cells, and of each the piece (t,), the side
+    of the body (t,) or -1, and the face between cells (t,) or -1; the cell of each piece (p,)."""
+
+    triangles: Array
+    piece: Ids
+    cell: Ids
+    side: Ids
+    face: Ids
+
+
 class Solid(Body):
     """A body of space in a closed triangle mesh."""
 
@@ -279,8 +293,6 @@ class Solid(Body):
 
     def cells(self, x: Array, weight: Array | None, faces: bool) -> Cells:
         """The cells of generators, with faces and sides if asked for."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
         from scipy.spatial import cKDTree
 
         n, spacing = len(x), _spacing(self, len(x))
@@ -289,65 +301,72 @@ class Solid(Body):
         f = tessellation.faces()
         points, gap = self.samples
         cut = cKDTree(points).query(x)[0] - gap < tessellation.reach()
-        vertices, triangles, cell, face = self._polyhedra(tessellation, f, cut)
-        polyhedra, _ = self._made(vertices, triangles)
-        result = (polyhedra ^ self.mesh).to_mesh64()
-        at, tri = result.vert_properties[:, :3], result.tri_verts.astype(np.int64)
-        source = np.asarray(result.face_id, dtype=np.int64)
-        run = (
-            np.searchsorted(np.asarray(result.run_index), 3 * np.arange(len(tri)), side="right") - 1
-        )
-        free = np.asarray(result.run_original_id)[run] == self.number
-        # connected triangles bound a piece of the cell whose faces are among them
-        edges = coo_array((np.ones(2 * len(tri)), (tri[:, [0, 0]].ravel(), tri[:, 1:].ravel())),
-                          shape=(len(at),) * 2)  # fmt: skip
-        pieces, label = connected_components(edges, directed=False)
-        piece = label[tri[:, 0]]
-        owner = np.full(pieces, -1)
-        owner[piece[~free]] = cell[source[~free]]
-        if (owner[piece] < 0).any():
-            where = at[tri[owner[piece] < 0][0, 0]]
-            raise InputError(
-                f"a cavity near {where} lies inside one cell; reduce spacing or fill the cavity."
-            )
-        corner = at[tri] - x[owner[piece]][:, None]
-        cone = np.einsum("tk,tk->t", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
-        share: Array = np.bincount(piece, cone, pieces).astype(np.float64)
-        moment = [np.bincount(piece, cone * c, pieces) for c in corner.sum(axis=1).T / 4.0]
-        middle = x[owner] + np.stack(moment, axis=1) / np.where(share == 0, 1.0, share)[:, None]
+        c = self._clipped(tessellation, f, cut)
+        # a piece is cones from its cell's centre
+        corner = c.triangles - x[c.cell[c.piece]][:, None]
+        cone = dot(corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
+        share: Array = np.bincount(c.piece, cone).astype(np.float64)
+        moment = [np.bincount(c.piece, cone * m) for m in corner.sum(axis=1).T / 4.0]
+        middle = x[c.cell] + np.stack(moment, axis=1) / np.where(share == 0.0, 1.0, share)[:, None]
         volume[cut] = 0.0
-        volume += np.bincount(owner, share, n)
-        main, orphan = _largest(owner, share, spacing**3)
-        centroid[owner[main]] = middle[main]
-        cells = Cells(volume, centroid, middle[orphan], owner[orphan])
+        volume += np.bincount(c.cell, share, n)
+        main, orphan = _largest(c.cell, share, spacing**3)
+        centroid[c.cell[main]] = middle[main]
+        cells = Cells(volume, centroid, middle[orphan], c.cell[orphan])
         if not faces:
             return cells
-        i, j = f.pair.T
-        f.area[j >= n] = 0.0
-        cut = np.append(cut, np.zeros(len(tessellation.x) - n, dtype=bool))
-        f.area[cut[i] & cut[j]] = 0.0
-        # a face between two clipped cells is taken from the first of them
-        part = np.flatnonzero(~free)
-        of = face[source[part]]
-        first = (i[of] == owner[piece[part]]) & (j[of] < n) & cut[j[of]]
-        part, of = part[first], of[first]
-        a, b, c = np.moveaxis(at[tri[part]], 1, 0)
-        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        f.area += np.bincount(of, area, len(f.area))
-        clipped = np.unique(of)
-        f.centroid[clipped] = 0.0
-        for k in range(3):
-            f.centroid[:, k] += np.bincount(of, area * (a + b + c)[:, k] / 3.0, len(f.area)) / (
-                np.where(np.bincount(of, minlength=len(f.area)) > 0, f.area, 1.0)
-            )
+        f.area[f.pair[:, 1] >= n] = 0.0
+        self._clip(f, c, cut)
         f = _whole(f, spacing)
         cells.pair, cells.area = f.pair, f.area
         cells.arms = f.centroid[:, None] - x[f.pair]
         for k, name in enumerate(self.surface.sides):
             cells.sides[name] = np.zeros(n, dtype=bool)
-            on = free & (self.surface.side[np.where(free, source, 0)] == k)
-            cells.sides[name][owner[piece[on]]] = True
+            cells.sides[name][c.cell[c.piece[c.side == k]]] = True
         return cells
+
+    def _clipped(self, tessellation: Tessellation, f: Faces, cut: Mask) -> "_Clipped":
+        """What the body leaves of the cells to be cut."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        vertices, triangles, cell, face = self._polyhedra(tessellation, f, cut)
+        result = (self._made(vertices, triangles)[0] ^ self.mesh).to_mesh64()
+        at, tri = result.vert_properties[:, :3], result.tri_verts.astype(np.int64)
+        source = np.asarray(result.face_id, dtype=np.int64)
+        start, mesh = np.asarray(result.run_index), np.asarray(result.run_original_id)
+        free = np.repeat(mesh, np.diff(start).astype(np.int64) // 3) == self.number
+        # triangles that hang together bound a piece of the cell whose faces are among them
+        ends = (tri[:, [0, 0]].ravel(), tri[:, 1:].ravel())
+        graph = coo_array((np.ones(2 * len(tri)), ends), shape=(len(at),) * 2)
+        pieces, label = connected_components(graph, directed=False)
+        piece = label[tri[:, 0]]
+        owner = np.full(pieces, -1)
+        owner[piece[~free]] = cell[source[~free]]
+        lost = owner[piece] < 0
+        if lost.any():
+            raise InputError(
+                f"a part of the surface, near {place(at[tri[lost][0, 0]])}, lies inside one cell; "
+                "reduce spacing or leave that part out."
+            )
+        side, on = np.full((2, len(tri)), -1)
+        side[free], on[~free] = self.surface.side[source[free]], face[source[~free]]
+        return _Clipped(at[tri], piece, owner, side, on)
+
+    def _clip(self, f: Faces, c: "_Clipped", cut: Mask) -> None:
+        """Give faces between two cut cells, found on the first of them, what is left of them."""
+        i, j = f.pair.T
+        both = np.append(cut, np.zeros(j.max() + 1, dtype=bool))
+        both = both[i] & both[j] & (j < len(cut))
+        part = np.flatnonzero(c.face >= 0)
+        part = part[both[c.face[part]] & (i[c.face[part]] == c.cell[c.piece[part]])]
+        a, b, d = np.moveaxis(c.triangles[part], 1, 0)
+        area, face = 0.5 * np.linalg.norm(np.cross(b - a, d - a), axis=1), c.face[part]
+        f.area[both] = np.bincount(face, area, len(both))[both]
+        unit = np.where(f.area == 0.0, 1.0, f.area)
+        for k in range(3):
+            moment = np.bincount(face, area * (a + b + d)[:, k] / 3.0, len(both))
+            f.centroid[both, k] = (moment / unit)[both]
 
     def _polyhedra(
         self, tessellation: Tessellation, f: Faces, cut: Mask

@@ -89,14 +89,14 @@ class Tessellation:
             xi = self.x[f[:, i]]
             axis = self.x[f[:, j]] - xi
             axis /= np.linalg.norm(axis, axis=1)[:, None]
-            foot = xi + _dot(middle - xi, axis)[:, None] * axis
+            foot = xi + dot(middle - xi, axis)[:, None] * axis
             out = self.x[f[:, k]] - xi  # the edge is the third generator's bound
-            out -= _dot(out, axis)[:, None] * axis
+            out -= dot(out, axis)[:, None] * axis
             out /= np.linalg.norm(out, axis=1)[:, None]
-            back = _dot(across[use], np.cross(axis, out)) < 0.0
+            back = dot(across[use], np.cross(axis, out)) < 0.0
             pairs.append(f[:, [i, j]])
             parts.append(np.where(back[:, None], ends[use][:, ::-1], ends[use]))
-            areas.append(0.5 * length[use] * _dot(middle - foot, out))
+            areas.append(0.5 * length[use] * dot(middle - foot, out))
             centroids.append((foot + 2.0 * middle) / 3.0)
         self.pair, self.ends = np.concatenate(pairs), np.concatenate(parts)
         self.area, self.centroid = np.concatenate(areas), np.concatenate(centroids)
@@ -143,7 +143,8 @@ class Tessellation:
         return far
 
 
-def _dot(a: Array, b: Array) -> Array:
+def dot(a: Array, b: Array) -> Array:
+    """Scalar products of rows."""
     return np.einsum("ij,ij->i", a, b)
 
 
@@ -156,7 +157,7 @@ def _delaunay(x: Array, weight: Array | None) -> tuple[Ids, Ids]:
         return mesh.simplices.astype(np.int64), mesh.neighbors
     # the lower hull of the generators lifted onto a paraboloid
     y = x - x.mean(axis=0)
-    hull = ConvexHull(np.concatenate([y, (_dot(y, y) - weight)[:, None]], axis=1))
+    hull = ConvexHull(np.concatenate([y, (dot(y, y) - weight)[:, None]], axis=1))
     lower = hull.equations[:, -2] < 0.0
     number = np.full(len(lower), -1)
     number[lower] = np.arange(lower.sum())

@@ -31,7 +31,7 @@ def voronoi(
     plane: str | None = "strain",
     thickness: float = 1.0,
     seed: int = 0,
-    relaxations: int = 8,
+    relaxations: int = 6,
     periodic: bool = False,
     tell: Tell | None = None,
 ) -> Packing:
