@@ -40,6 +40,15 @@ def test_rods_script(tmp_path, monkeypatch, capsys):
     assert stiffness == pytest.approx(210e9 / 2.6 * 1e-12 / (8 * 8e-6 * 8), rel=0.03)
 
 
+def test_solids_script(tmp_path, monkeypatch, capsys):
+    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "solids.md").read_text(), re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "solids.md", "exec"), {})
+    # Kirsch's 3 at the edge, less inside its coarse elements
+    assert 2.0 < float(capsys.readouterr().out) < 3.1
+    assert (tmp_path / "hole.png").stat().st_size > 1000
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name
 )
