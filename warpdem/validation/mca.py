@@ -15,6 +15,7 @@ from ..simulation import Simulation
 from . import reference
 from .case import Measurement, case
 from .core import vanishing
+from .foundation import at_least
 
 STRAIN = 1e-6
 SIZES = np.random.default_rng(0).uniform(0.3, 0.7, 130)  # radii
@@ -88,6 +89,10 @@ def free_sided_tension() -> Iterator[Measurement]:
         error = abs(found[1] - across)
         what = f"narrowing over strain, {where}"
         yield Measurement(what, across, "nu or nu/(1 - nu)", found[1], error, 3e-3)
+
+    coarse, fine = (abs(_tension("hexagonal", "strain", 0.3, n)[0] * 0.91 - 1.0) for n in (15, 30))
+    order = float(np.log2(coarse / fine))
+    yield at_least("order of the error of E, hexagonal, 15 to 30 across", "theory B1", order, 1.0)
 
 
 def _tension(name: str, plane: str, poisson: float, across: int) -> tuple[float, float]:
