@@ -249,6 +249,13 @@ def test_local_damping_never_gives_energy_to_flat_bodies():
     assert sim.energy()["damping"] >= 0.0
 
 
+def test_a_grips_spin_has_its_shape():
+    scene, body = pair(wd.EVMBond(1.0, 1.0, 1.0))
+    for wrong in ([1.0, 2.0], 1.0):
+        with pytest.raises(wd.InputError, match="angular_velocity has shape"):
+            scene.hold(body, [0], angular_velocity=wrong)
+
+
 def test_what_no_one_holds_has_no_place_of_rest():
     scene = wd.Scene()
     body = scene.add(

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -110,3 +112,17 @@ def test_bad_boxes_are_refused(make):
         make((1.0, 1.0), 0.0)
     with pytest.raises(wd.InputError, match="enlarge"):
         make((1.0, 1.0), 10.0)
+
+
+def test_a_volume_that_its_faces_overfill_is_told():
+    p = wd.packing.voronoi((8, 8), 1.0)
+    corner = int(np.argmin(p.position.sum(axis=1)))
+    volume = p.volume.copy()
+    volume[corner] *= 0.1
+    with pytest.warns(wd.ModelWarning, match=rf"faces of elements {corner} enclose more"):
+        replace(p, volume=volume)
+    volume = p.volume.copy()
+    inner = int(np.flatnonzero(~p.boundary())[0])
+    volume[inner] *= 0.9
+    with pytest.raises(wd.InputError, match=rf"faces of elements {inner} do not enclose"):
+        replace(p, volume=volume)

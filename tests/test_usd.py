@@ -102,3 +102,21 @@ def test_a_run_that_fails_leaves_no_file(tmp_path):
     with pytest.raises(wd.NonFiniteError):
         sim.run(steps=20_000)
     assert not list(tmp_path.iterdir())
+
+
+def test_bonds_of_a_network_are_curves(tmp_path):
+    rod = wd.packing.helix(1.0, 0.3, 2, 12, wd.Circle(0.05))
+    steel = wd.Material(1.0, 0.3, 1.0)
+    scene = wd.Scene()
+    bond = wd.EVMBond.timoshenko(steel, wd.Circle(0.05), rod.bond_length)
+    scene.set_velocity(scene.add(rod, steel, bond=bond), (0.0, 0.0, 1e-3))
+    sim = wd.Simulation(scene)
+    sim.observe(wd.UsdWriter(tmp_path / "rod.usd", every=10))
+    sim.run(steps=20)
+    stage = Usd.Stage.Open(str(tmp_path / "rod.usd"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    curves = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/bonds"))
+    assert list(curves.GetCurveVertexCountsAttr().Get(2)) == [2] * len(rod.bonds)
+    ends = np.array(curves.GetPointsAttr().Get(2)).reshape(-1, 2, 3)
+    assert ends == pytest.approx(sim.position[rod.bonds], rel=1e-6, abs=1e-6)

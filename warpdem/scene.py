@@ -297,8 +297,8 @@ class Scene:
             raise InputError("an angular velocity needs turning to be held; leave rotation=True.")
         if rotation:
             spins = body.angular_velocity.shape[1]
-            w = 0.0 if angular_velocity is None else angular_velocity
-            w = finite("angular_velocity", np.broadcast_to(finite("angular_velocity", w), (spins,)))
+            w = np.zeros(spins) if angular_velocity is None else np.atleast_1d(angular_velocity)
+            w = finite("angular_velocity", w, (spins,))
             body.held_rotation[ids] = True
             body.angular_velocity[ids] = w
         if history is not None:

@@ -13,7 +13,7 @@ import warp as wp
 from .algebra import Laws
 from .evm import evm_kinematics
 from .memory import kernel, nn
-from .motion import Loads, gather, inertia, outer_load
+from .motion import Loads, gather, inertia, net
 
 
 @cache
@@ -131,7 +131,7 @@ def damp(
     net force or torque there (Cundall 1987); it never turns a motion round.
     """
     real, rotor = s.real, inertia(s, k, has_moments)
-    load_force, load_outer = gather(s, slots), outer_load(s, external)
+    load_force, load_net = gather(s, slots), net(s, slots, external)
     square = wp.types.matrix((s.dim, s.dim), real)
 
     @wp.func
@@ -197,18 +197,17 @@ def damp(
         )
         if wp.static(is_local):
             # against what the dashpots leave: together they could turn a motion round
-            f, t = load_force(i, end_force, end_torque, elements)
-            outer_f, outer_t = load_outer(
+            f, t = load_net(
                 i,
                 external_force,
                 external_torque,
                 timed_force,
                 timed_torque,
                 load_factor,
+                end_force,
+                end_torque,
                 elements,
             )
-            f += outer_f
-            t += outer_t
             local = s.vec()
             for axis in range(wp.static(s.dim)):
                 local[axis] = opposed(local_damping, f[axis], inv_m[axis], after[axis], dt)

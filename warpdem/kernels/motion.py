@@ -68,6 +68,38 @@ def gather(s: Laws, slots: int):
 
 
 @cache
+def net(s: Laws, slots: int, external: Loads):
+    """Force and torque on an element in all: of its bonds and from outside."""
+    real, load_bonds, load_outer = s.real, gather(s, slots), outer_load(s, external)
+
+    @wp.func
+    def load_net(
+        i: int,
+        external_force: wp.array(dtype=real),
+        external_torque: wp.array(dtype=real),
+        timed_force: wp.array(dtype=real),
+        timed_torque: wp.array(dtype=real),
+        load_factor: wp.array(dtype=real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
+        elements: int,
+    ):
+        f, t = load_bonds(i, end_force, end_torque, elements)
+        outer_f, outer_t = load_outer(
+            i,
+            external_force,
+            external_torque,
+            timed_force,
+            timed_torque,
+            load_factor,
+            elements,
+        )
+        return f + outer_f, t + outer_t
+
+    return load_net
+
+
+@cache
 def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
     """How torques change spins, and how free bodies turn.
 
@@ -396,7 +428,7 @@ def integrator_energies(
 
     Velocity Verlet conserves H - (dt^2/8) sum(|F|^2/m + |M|^2/J) exactly in a linear system.
     """
-    real, load_force, load_outer = s.real, gather(s, slots), outer_load(s, external)
+    real, load_net = s.real, net(s, slots, external)
     rotor = inertia(s, k, has_moments)
 
     def integrator_energies(
@@ -424,18 +456,17 @@ def integrator_energies(
         i = nn(t)
         if wp.static(is_listed):
             i = nn(listed[t])
-        f, m = load_force(i, end_force, end_torque, elements)
-        outer_f, outer_t = load_outer(
+        f, m = load_net(
             i,
             external_force,
             external_torque,
             timed_force,
             timed_torque,
             load_factor,
+            end_force,
+            end_torque,
             elements,
         )
-        f += outer_f
-        m += outer_t
         spin = rotor.spun(
             i, s.no_spin(), m, inverse_inertia, principal_moment, principal_axes, orientation
         )

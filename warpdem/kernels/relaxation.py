@@ -6,14 +6,13 @@ import warp as wp
 
 from .algebra import Laws
 from .memory import kernel, nn
-from .motion import Loads, gather, inertia, outer_load
+from .motion import Loads, inertia, net
 
 
 @cache
 def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd: bool = True):
     """Per element: power F.v [W], v.M v and F.M^-1 F, that decide how velocities are steered."""
-    real, load_force, rotor = s.real, gather(s, slots), inertia(s, k, has_moments)
-    load_outer = outer_load(s, external)
+    real, load_net, rotor = s.real, net(s, slots, external), inertia(s, k, has_moments)
 
     def fire_power(
         # model
@@ -41,18 +40,17 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
         elements: int,
     ):
         i = nn(wp.tid())
-        f, t = load_force(i, end_force, end_torque, elements)
-        outer_f, outer_t = load_outer(
+        f, t = load_net(
             i,
             external_force,
             external_torque,
             timed_force,
             timed_torque,
             load_factor,
+            end_force,
+            end_torque,
             elements,
         )
-        f += outer_f
-        t += outer_t
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
         spin = rotor.spun(
@@ -69,8 +67,7 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
 @cache
 def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd: bool = True):
     """Pass over elements: v <- keep v + push M^-1 F."""
-    real, load_force, rotor = s.real, gather(s, slots), inertia(s, k, has_moments)
-    load_outer = outer_load(s, external)
+    real, load_net, rotor = s.real, net(s, slots, external), inertia(s, k, has_moments)
 
     def fire(
         # model
@@ -96,18 +93,17 @@ def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd:
         i = nn(wp.tid())
         keep = relaxing_mix[0]
         push = relaxing_mix[1]
-        f, t = load_force(i, end_force, end_torque, elements)
-        outer_f, outer_t = load_outer(
+        f, t = load_net(
             i,
             external_force,
             external_torque,
             timed_force,
             timed_torque,
             load_factor,
+            end_force,
+            end_torque,
             elements,
         )
-        f += outer_f
-        t += outer_t
         a = wp.cw_mul(s.load(inverse_mass, i), f)
         s.store(velocity, i, keep * s.load(velocity, i) + push * a)
         w = keep * s.load_spin(angular_velocity, i)

