@@ -10,6 +10,7 @@ from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
 from .observe import CrackTracker, PlaneProbe, Probe, Snapshot
 from .packing import Packing
+from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
@@ -30,14 +31,18 @@ __all__ = [
     "EVMBond",
     "HuberMisesHencky",
     "InputError",
+    "JohnsonCook",
     "Material",
     "ModelWarning",
     "Moduli",
+    "Nikolaevsky",
     "NonFiniteError",
     "NotConvergedError",
     "Observer",
     "Packing",
+    "Perzyna",
     "PlaneProbe",
+    "PowerLaw",
     "Probe",
     "Rankine",
     "Rectangle",
@@ -45,9 +50,12 @@ __all__ = [
     "Servo",
     "Simulation",
     "Snapshot",
+    "Table",
     "TroubledBondError",
     "Tube",
     "UsdWriter",
+    "Voce",
+    "VonMises",
     "calibrate",
     "draw_field",
     "draw_structure",

@@ -1,5 +1,6 @@
 """A scene as arrays: what is fixed (Model), what changes (State), what is needed (Features)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -8,13 +9,17 @@ from numpy.typing import NDArray
 from .bond import EVMBond
 from .errors import Array, InputError, first_ids
 from .kernels.face import Faces
-from .scene import Body, History, Scene
+from .kernels.plastic import Flow
+from .plasticity import Nikolaevsky, Table, YieldLaw
+from .scene import Body, History, Scene, StrainHistory
 
 Ids = NDArray[np.int32]
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {
-        *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes"),
+        *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes", "bond_slip"),
+        "evm_tilt",
+        *("box_shift", "box_strain"),
         *("evm_direction", "evm_length", "evm_offset"),
     }
 )
@@ -36,8 +41,20 @@ class Features:
     has_moments: bool  # some elements have three principal moments of inertia
     has_dashpots: bool
     large_rotation: bool
+    has_evm: bool
+    has_dilation: bool  # plastic flow changes volumes (of the plane, in plane stress)
     slots: int
     faces: Faces
+
+    @property
+    def evaluates_anew(self) -> bool:
+        """Whether forces are evaluated a second time in a step, after plastic flow."""
+        return self.has_dilation or (self.faces.has_slip and self.has_evm)
+
+    @property
+    def plane(self) -> str | None:
+        """Plane state: "strain", "stress", or None in space."""
+        return None if self.dim == 3 else "strain" if self.plane_strain else "stress"
 
 
 @dataclass(frozen=True)
@@ -46,6 +63,16 @@ class Group:
 
     kind: str
     ratio: float
+    first: int
+    count: int
+
+
+@dataclass(frozen=True)
+class Yielding:
+    """Elements of one yield law: [first, first + count) of `flow_elements`."""
+
+    flow: Flow
+    numbers: tuple[float, ...]  # yield stress, three of hardening, two of rate, friction, dilatancy
     first: int
     count: int
 
@@ -92,6 +119,9 @@ class Model:
     timed_force: Array | None = None  # (loads n, dim), load after load
     timed_torque: Array | None = None
     load_histories: tuple[History, ...] = ()
+    box_bonds: Ids | None = None  # bonds through the sides of a box whose strain changes
+    box_shift: Array | None = None  # from their second elements to the images bonded [m]
+    strain_history: StrainHistory | None = None
     grip: Ids | None = None  # (n,) which of the grips' histories held motion follows
     grip_velocity: Array | None = None
     grip_spin: Array | None = None
@@ -106,6 +136,10 @@ class Model:
     near_bonds: Ids | None = None  # all bonds of the listed elements
     near_elements: Ids | None = None  # all elements of the near bonds
     near_facets: int = 0  # near bonds that are facet bonds, stored first
+    yielding: tuple[Yielding, ...] = ()
+    flow_elements: Ids | None = None  # elements that may yield, law after law
+    hardening_strain: Array | None = None  # tables of hardening, one after the other
+    hardening_stress: Array | None = None
     # Between unlike elements a face is a node, an element without turning, with a bond to each: the
     # bond's own and one stored after all other facet bonds.
     nodes: int = 0  # stored after all other elements
@@ -183,6 +217,10 @@ def state_arrays(
         state["load_factor"] = np.zeros(len(model.load_histories))
     if model.grip_histories:
         state["grip_factor"] = np.zeros(len(model.grip_histories))
+    if model.box_bonds is not None:
+        state["box_strain"] = np.zeros((f.dim, f.dim))
+        state["box_motion"] = np.zeros((len(model.box_bonds), f.dim))
+        state["box_work"] = np.zeros(len(model.box_bonds))
     linked = np.zeros(b + 1)
     present = np.concatenate([x.linked for x in in_bond_order(bodies)])
     present = np.insert(present, [model.facet_bonds - model.nodes] * model.nodes, True)
@@ -210,6 +248,27 @@ def state_arrays(
         state["end_dilation"] = np.zeros(f.slots * n)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
+    if model.yielding:
+        assert model.flow_elements is not None
+        state["mean_stiffness"] = mean_stiffness(model, linked)
+        state["mean_stress"] = np.zeros(n)
+        state["plastic_strain"] = np.zeros(n)
+        if f.plane == "strain":
+            state["plastic_strain_zz"] = np.zeros(n)
+        state["return_factor"] = np.ones(n)
+        state["return_mean"] = np.zeros(n)
+        state["spring_force"] = np.zeros((b, f.dim))
+        state["bond_dissipation"] = np.zeros(b)
+        if model.facet_bonds:
+            state["bond_slip"] = np.zeros((2 * model.facet_bonds, f.dim))
+        if model.evm_bonds:
+            state["evm_slip"] = np.zeros(model.evm_bonds)
+            state["evm_tilt"] = np.zeros((2 * model.evm_bonds, f.dim))
+        if f.has_dilation:
+            for name in ("plastic_dilation", "return_growth", "last_dilation"):
+                state[name] = np.zeros(n)
+            state["last_volume_stress"] = np.zeros(n)
+            state["element_dissipation"] = np.zeros(n)
     if model.criteria:
         assert model.listed_bonds is not None
         listed = len(model.listed_bonds)
@@ -289,12 +348,18 @@ def in_bond_order(bodies: list[Body]) -> list[Body]:
 
 def volume_stiffness(model: Model, linked: Array) -> Array:
     """A_i = 2 G D / (3 - D s*) [Pa] for given links (theory B4)."""
+    assert model.element_coupling is not None
+    return model.element_coupling * mean_stiffness(model, linked)
+
+
+def mean_stiffness(model: Model, linked: Array) -> Array:
+    """m_i/(E_i - P_i) = 2 G / (3 - D s*) [Pa] for given links (theory B4)."""
     assert model.bond_face is not None and model.element_two_shear is not None
     assert model.element_coupling is not None
     face = model.bond_face * np.repeat(linked, 2)
     s = face[model.incidence].sum(axis=0) / model.element_volume
     d = model.element_coupling
-    return model.element_two_shear * d / (3.0 - d * (s + model.features.plane_strain))
+    return model.element_two_shear / (3.0 - d * (s + model.features.plane_strain))
 
 
 def bond_ends(model: Model) -> Array:
@@ -350,8 +415,10 @@ def build(scene: Scene) -> Model:
         if scene.gravity.shape != (dim,):
             raise InputError(f"gravity has {len(scene.gravity)} components; give {dim}.")
         each["force"] += mass[:, None] * scene.gravity
-    jump = _jump(stored, len(node_bonds))
+    has_box = any(b.strain_history is not None for b in bodies)
+    has_jump = has_box or any((b.shift @ b.mean_strain).any() for b in bodies)
     timed = [(b, load) for b in bodies for load in b.timed_loads]
+    laws = [law for b in bodies for law in b.yielding if law is not None]
     external = bool(each["force"].any()), bool(each["torque"].any()), len(timed)
     has_grips = len(scene.grip_histories) > 1
     features = Features(
@@ -368,8 +435,11 @@ def build(scene: Scene) -> Model:
         has_moments=moments is not None,
         has_dashpots=any(b.damping > 0.0 for b in evm),
         large_rotation=any(b.large_rotation for b in evm),
+        has_evm=bool(evm),
+        has_dilation=bool(laws)
+        and (packing.plane == "stress" or any(isinstance(x, Nikolaevsky) for x in laws)),
         slots=len(incidence),
-        faces=Faces(faces.is_central, has_jump=jump is not None),
+        faces=Faces(faces.is_central, has_jump=has_jump, has_slip=bool(laws)),
     )
     model = Model(
         features=features,
@@ -394,7 +464,8 @@ def build(scene: Scene) -> Model:
         nodes=len(node_bonds),
         node_bonds=node_bonds.astype(np.int32) if len(node_bonds) else None,
     )
-    model.bond_jump = jump
+    if has_jump:
+        _add_box(model, stored)
     if timed:
         model.load_histories = tuple(load.history for _, load in timed)
         for name in ("force", "torque"):
@@ -417,18 +488,30 @@ def build(scene: Scene) -> Model:
     _add_laws(model, stored, each["two_shear"], faces)
     if features.has_volume:
         _add_volume(model, stored, each, faces)
+    if laws:
+        _add_yielding(model, bodies)
     if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
     return model
 
 
-def _jump(stored: list[Body], nodes: int) -> Array | None:
-    """What the far side of each bond is displaced more than its element, as it is an image of it in
-    a strained periodic box."""
-    if not any(b.jump.any() for b in stored):
-        return None
+def _add_box(model: Model, stored: list[Body]) -> None:
+    """Bonds through the sides of a periodic box, and how far the images beyond move."""
     facets = sum(len(b.linked) for b in stored if not isinstance(b.bond, EVMBond))
-    return np.insert(np.concatenate([b.jump for b in stored]), [facets] * nodes, 0.0, axis=0)
+    at = [facets] * model.nodes
+
+    def of_bonds(value: Callable[[Body], Array]) -> Array:
+        return np.insert(np.concatenate([value(b) for b in stored]), at, 0.0, axis=0)
+
+    model.bond_jump = of_bonds(lambda b: b.shift @ b.mean_strain)
+    moving = [b for b in stored if b.strain_history is not None]
+    if len(moving) > 1:
+        raise InputError("one periodic body of a scene may have a strain that changes with time.")
+    if moving:
+        shift = of_bonds(lambda b: b.shift if b is moving[0] else np.zeros_like(b.shift))
+        box = np.flatnonzero(shift.any(axis=1))
+        model.box_bonds, model.box_shift = box.astype(np.int32), shift[box]
+        model.strain_history = moving[0].strain_history
 
 
 def _elements(bodies: list[Body], dim: int) -> dict[str, Array]:
@@ -690,6 +773,43 @@ def _add_volume(model: Model, stored: list[Body], each: dict[str, Array], faces:
                 "cells is not positive definite (|A| sum S |c|^2/q > 2 G V); relax the packing "
                 "towards centroidal cells or raise Poisson's ratio."
             )
+
+
+def _add_yielding(model: Model, bodies: list[Body]) -> None:
+    """Elements by yield law, and what the laws' device form takes."""
+    members: dict[YieldLaw, list[NDArray[np.int64]]] = {}
+    at = 0
+    for body in bodies:
+        for material, law in enumerate(body.yielding):
+            if law is not None:
+                members.setdefault(law, []).append(at + np.flatnonzero(body.grain == material))
+        at += len(body.packing)
+    groups, strain, stress = [], np.zeros(0), np.zeros(0)
+    first = 0
+    for law, ids in members.items():
+        assert not isinstance(law.hardening, int | float)
+        if isinstance(law.hardening, Table):
+            hardening = float(len(strain)), float(len(law.hardening.growth)), 0.0
+            strain = np.append(strain, law.hardening.plastic_strain)
+            stress = np.append(stress, law.hardening.growth)
+        else:
+            hardening = law.hardening.numbers
+        rate = (0.0, 0.0) if law.rate is None else law.rate.numbers
+        flow = Flow(
+            law.hardening.kind,
+            "" if law.rate is None else law.rate.kind,
+            isinstance(law, Nikolaevsky),
+        )
+        numbers = (law.yield_stress, *hardening, *rate, law.friction, law.dilatancy)
+        count = sum(map(len, ids))
+        groups.append(Yielding(flow, numbers, first, count))
+        first += count
+    model.yielding = tuple(g for g in groups if g.count)
+    model.flow_elements = np.concatenate([i for ids in members.values() for i in ids]).astype(
+        np.int32
+    )
+    if len(strain):
+        model.hardening_strain, model.hardening_stress = strain, stress
 
 
 def _add_lists(

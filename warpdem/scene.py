@@ -13,8 +13,10 @@ from .criteria import Criterion
 from .errors import Array, InputError, ModelWarning, finite, first_ids, positive
 from .material import Material
 from .packing import Mask, Packing
+from .plasticity import Nikolaevsky, VonMises, YieldLaw
 
 History = Callable[[float], float]  # factor at a time [s]
+StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
 
 
 @dataclass(eq=False)
@@ -37,10 +39,12 @@ class Body:
     fracture: Criterion | None
     has_volume: bool
     facet_bending: bool
+    yielding: tuple[YieldLaw | None, ...]  # of each material
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
-    jump: Array = field(init=False)  # (b, dim) of bonds through the sides of a periodic box [m]
+    mean_strain: Array = field(init=False)  # (dim, dim) of a periodic box at the start
+    strain_history: StrainHistory | None = field(init=False)
     displacement: Array = field(init=False)
     velocity: Array = field(init=False)
     angular_velocity: Array = field(init=False)
@@ -59,7 +63,8 @@ class Body:
         self.linked = np.ones(bonds, dtype=bool)
         self.stiffness_factor = np.ones(n)
         self.strength_factor = np.ones(bonds)
-        self.jump = np.zeros((bonds, dim))
+        self.mean_strain = np.zeros((dim, dim))
+        self.strain_history = None
         self.displacement = np.zeros((n, dim))
         self.velocity = np.zeros((n, dim))
         self.angular_velocity = np.zeros((n, 1 if dim == 2 else 3))
@@ -95,6 +100,13 @@ class Body:
         plane = self.packing.plane
         each = [m.lame(plane) + 2.0 * m.shear_modulus for m in self.materials]
         return self.stiffness_factor * np.array(each)[self.grain]
+
+    @property
+    def shift(self) -> Array:
+        """From every bond's second element to the image of it that is bonded [m], (b, dim)."""
+        x, (i, j) = self.packing.position, self.packing.bonds.T
+        shift = self.packing.bond_vector - (x[j] - x[i])
+        return np.where(np.abs(shift) > 1e-9 * self.packing.spacing, shift, 0.0)
 
     @property
     def breakable(self) -> Mask:
@@ -146,6 +158,7 @@ class Scene:
         volume: bool | None = None,
         grain: ArrayLike | None = None,
         facet_bending: bool = False,
+        yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
     ) -> Body:
         """Add a body.
 
@@ -156,6 +169,7 @@ class Scene:
         volume: whether the many-body volume term acts; by default where facet bonds need it
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
         facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
+        yielding: the law by which elements flow, or one (or None) for each material; None: elastic.
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -197,7 +211,9 @@ class Scene:
         _tell(packing, bond, facet_bending)
         if facet_bending and bond != "facet":
             raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
-        body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending)
+        laws = _yield_laws(packing, materials, bond, volume, yielding)
+        has_volume |= any(law is not None for law in laws)
+        body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending, laws)
         self.bodies.append(body)
         return body
 
@@ -248,23 +264,34 @@ class Scene:
         else:
             body.strength_factor[self._crossing(body, start, end, depth)] = factor
 
-    def strain(self, body: Body, strain: ArrayLike, origin: ArrayLike | None = None) -> None:
+    def strain(
+        self, body: Body, strain: ArrayLike | StrainHistory, origin: ArrayLike | None = None
+    ) -> None:
         """Start the body from a uniform strain: displacement = strain . (position - origin).
 
         strain: symmetric, shape (dim, dim), a small strain; origin [m]: the point that stays, by
-        default the body's centre. A periodic body keeps its mean strain.
+        default the body's centre. A periodic body keeps its mean strain, or follows a function of
+        time [s] that gives it (start its elements with the velocities of that, by set_velocity).
         """
         self._own(body)
+        dim = body.packing.dim
+        if not callable(strain):
+            e = _strain(strain, dim)
+        elif body.packing.period is None:
+            raise InputError("only the strain of a periodic body is a function of time.")
+        else:
+            history = strain
+
+            def checked(time: float) -> Array:
+                return _strain(history(time), dim)
+
+            body.strain_history = checked
+            e = checked(0.0)
         x = body.packing.position
-        e = finite("strain", strain, (body.packing.dim,) * 2)
-        if np.abs(e - e.T).max() > 1e-12 * np.abs(e).max():
-            raise InputError("strain must be symmetric: a rotation would leave elements behind.")
         low, high = x.min(axis=0), x.max(axis=0)
         centre = 0.5 * (low + high) if origin is None else finite("origin", origin, (x.shape[1],))
         body.displacement[:] = (x - centre) @ e
-        if body.packing.period is not None:
-            i, j = body.packing.bonds.T
-            body.jump[:] = (body.packing.bond_vector - (x[j] - x[i])) @ e
+        body.mean_strain[:] = e
 
     def hold(
         self,
@@ -276,7 +303,7 @@ class Scene:
         angular_velocity: ArrayLike | None = None,
         history: History | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
-        """Grip elements: they keep still, or move at a velocity [m/s].
+        """Grip elements: they keep still, or move at a velocity [m/s], (dim,) or one a row.
 
         where: mask or ids; axes: which of "xyz" are held (default: all; "" for none); rotation:
         whether turning is held as well, still or at an angular_velocity [rad/s]. history: a
@@ -289,10 +316,12 @@ class Scene:
         chosen = names if axes is None else axes
         if set(chosen) - set(names) or not (chosen or rotation):
             raise InputError(f"axes is {axes!r}; choose from {names!r}.")
-        v = np.zeros(dim) if velocity is None else finite("velocity", velocity, (dim,))
+        v = np.zeros(dim) if velocity is None else finite("velocity", velocity)
+        if v.shape not in ((dim,), (len(ids), dim)):
+            raise InputError(f"velocity has shape {v.shape}; give ({dim},) or ({len(ids)}, {dim}).")
         for axis in (names.index(c) for c in chosen):
             body.held[ids, axis] = True
-            body.velocity[ids, axis] = v[axis]
+            body.velocity[ids, axis] = v[..., axis]
         if angular_velocity is not None and not rotation:
             raise InputError("an angular velocity needs turning to be held; leave rotation=True.")
         if rotation:
@@ -504,6 +533,13 @@ class Scene:
         return chosen.astype(np.int64)
 
 
+def _strain(strain: ArrayLike, dim: int) -> Array:
+    e = finite("strain", strain, (dim, dim))
+    if np.abs(e - e.T).max() > 1e-12 * np.abs(e).max():
+        raise InputError("strain must be symmetric: a rotation would leave elements behind.")
+    return e
+
+
 def _always(_time: float) -> float:
     return 1.0
 
@@ -548,6 +584,40 @@ def _grains(
     if bad.any():
         raise InputError(f"grain of elements {first_ids(bad)} is outside 0..{len(materials) - 1}.")
     return g.astype(np.int64)
+
+
+def _yield_laws(
+    packing: Packing,
+    materials: tuple[Material, ...],
+    bond: str | EVMBond,
+    volume: bool | None,
+    yielding: YieldLaw | Sequence[YieldLaw | None] | None,
+) -> tuple[YieldLaw | None, ...]:
+    if yielding is None or isinstance(yielding, VonMises | Nikolaevsky):
+        laws: tuple[YieldLaw | None, ...] = (yielding,) * len(materials)
+    else:
+        laws = tuple(yielding)
+    if len(laws) != len(materials) or not all(
+        law is None or isinstance(law, VonMises | Nikolaevsky) for law in laws
+    ):
+        raise InputError(
+            f"yielding is one law, VonMises or Nikolaevsky, or one or None for each of the "
+            f"{len(materials)} materials."
+        )
+    if all(law is None for law in laws):
+        return laws
+    if packing.area is None:
+        raise InputError("a yield law needs a packing with faces.")
+    if volume is False or (isinstance(bond, EVMBond) and not volume):
+        raise InputError(
+            "a yield law needs the volume term: leave volume out with facet bonds, and say "
+            "volume=True with EVM bonds (the hybrid of both papers)."
+        )
+    if isinstance(bond, EVMBond) and bond.large_rotation:
+        raise InputError("EVM bonds with large_rotation do not yield; leave large_rotation out.")
+    if packing.plane == "stress" and any(isinstance(law, Nikolaevsky) for law in laws):
+        raise InputError("Nikolaevsky's flow is for plane strain and space, not plane stress.")
+    return laws
 
 
 def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:

@@ -19,8 +19,8 @@ from .trouble import TYPE as TROUBLE_TYPE
 from .trouble import Troubles
 
 SAFETY = 0.8  # share of the stability limit taken by default
-# energies held at an instant, and what damping took
-HELD = ("kinetic", "pair", "volume", "contact", "integrator", "damping")
+# energies held at an instant, and what damping and plastic flow took
+HELD = ("kinetic", "pair", "volume", "contact", "integrator", "damping", "plastic")
 SERVO_EVERY = 5  # steps between looks of a servo at its traction
 SERVO_GAIN = 0.5  # share of the lacking traction that it makes good for at a look
 GUARD_EVERY = 100  # steps between checks for non-finite numbers
@@ -111,6 +111,7 @@ class Simulation:
             local_damping=local_damping,
         )
         self._step.evaluate_forces()
+        self._step.remember_springs()
         self._troubles = None
         if self.model.evm_bonds:
             self._troubles = Troubles(self.model, self._ids(), stops=trouble == "stop")
@@ -319,6 +320,13 @@ class Simulation:
         return (sign * share)[:, None] * q[:, :-1]
 
     @property
+    def plastic_strain(self) -> Array:
+        """Equivalent plastic strain of every element, the sum of sqrt(2/3 de:de), (n,)."""
+        if not self.model.yielding:
+            return np.zeros(self.model.own_elements)
+        return self._own("plastic_strain")
+
+    @property
     def energy_density(self) -> Array:
         """Elastic energy of every element over its volume [J/m^3], (n,): its volume energy and half
         that of its bonds."""
@@ -428,8 +436,9 @@ class Simulation:
         """The energy ledger [J].
 
         kinetic, pair (linked bonds), volume, contact (closed unlinked ones): held now; fracture:
-        released by breaking bonds; damping: taken by dashpots and local damping; work: done by
-        moving grips and outer loads; integrator: velocity
+        released by breaking bonds; damping: taken by dashpots and local damping;
+        plastic: dissipated by plastic flow; work: done by
+        moving grips, outer loads and a periodic box; integrator: velocity
         Verlet's own term (theory B13), its jumps at breaking bonds included; residual: what is
         missing from their balance.
         """
@@ -507,6 +516,7 @@ class Simulation:
         """Forces, books and checks of a state that was not reached by steps."""
         self._step.forget_gaps()
         self._step.evaluate_forces()
+        self._step.remember_springs()
         self._guard()
         self.initial_energies = self._measure()
 
@@ -515,9 +525,7 @@ class Simulation:
         ledger["fracture"] = 0.0
         if self.model.criteria:
             ledger["fracture"] = float(self._step.download("break_energy").sum(dtype=np.float64))
-        ledger["work"] = 0.0
-        if self.model.features.has_work:
-            ledger["work"] += float(self._step.download("element_work").sum(dtype=np.float64))
+        ledger["work"] = self._step.work
         return ledger
 
     def _next_call(self, observer: Observer) -> int:

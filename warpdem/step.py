@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .kernels.algebra import space
+from .kernels.box import strain_box
 from .kernels.closing import UNKNOWN
 from .kernels.damping import damp, evm_dashpots
 from .kernels.evm import (
@@ -29,6 +30,7 @@ from .kernels.facet import (
 )
 from .kernels.fracture import break_bonds, log_breaks
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
+from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
 from .kernels.relaxation import fire, fire_power
 from .kernels.stress import element_stress
 from .kernels.volume import face_dilation, volume_release, volume_stresses
@@ -38,21 +40,20 @@ SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing 
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
     {
-        *(
-            "bond_arm",
-            "bond_jump",
-            "bond_weight",
-            "facet_bending",
-            "volume_stress",
-            "volume_stiffness",
-        ),
-        *("volume_energy", "element_release", "element_work", "evm_dashpot"),
-        *("damping_force", "damping_torque", "external_force", "external_torque"),
-        *("principal_moment", "principal_axes", "timed_force", "timed_torque", "load_factor"),
+        *("bond_arm", "bond_jump", "bond_weight", "facet_bending", "element_two_shear"),
+        *("volume_stress", "volume_stiffness", "volume_energy", "element_release"),
+        *("element_work", "evm_dashpot", "damping_force", "damping_torque", "absorbing_damping"),
+        *("external_force", "external_torque", "timed_force", "timed_torque", "load_factor"),
         *("grip", "grip_velocity", "grip_spin", "grip_factor"),
-        "absorbing_damping",
+        *("principal_moment", "principal_axes"),
+        *("bond_slip", "evm_slip", "evm_tilt", "mean_stiffness", "mean_stress", "return_growth"),
+        *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
+        *("hardening_strain", "hardening_stress"),
     }
 )
+# sums over many steps, in float64 always
+DISSIPATION = ("bond_dissipation", "element_dissipation")
+SUMS = frozenset({"element_work", "box_work", "damped_energy", *DISSIPATION})
 # arithmetic of forces, arithmetic of places
 PRECISIONS = {
     "float64": (wp.float64, wp.float64),
@@ -131,7 +132,7 @@ class Step:
 
     def advance(self) -> None:
         """From t to t + dt (theory B13)."""
-        # damp, move, evaluate forces, test for fracture
+        # damp, move, evaluate forces, return stresses beyond yield, test for fracture
         (self._start if self.synchronous else self._finish_and_start).launch()
         self.synchronous = False
         self.count += 1
@@ -142,8 +143,12 @@ class Step:
             self.break_bonds()
 
     def set_factors(self, time: float | None = None) -> None:
-        """Loads as at this instant, and grips' velocities as in the middle of the next step."""
+        """Loads as at this instant, grips' velocities as in the middle of the next step, and the
+        strain of a periodic box as at its end."""
         now = self.count * self.dt if time is None else time
+        if self.model.strain_history is not None:
+            strain = np.asarray(self.model.strain_history(now + self.dt), dtype=np.float64)
+            self._write("box_strain", strain.ravel())
         for name, histories, at in (
             ("load_factor", self.model.load_histories, now),
             ("grip_factor", self.model.grip_histories, now + 0.5 * self.dt),
@@ -164,6 +169,14 @@ class Step:
         if self.model.listed_bonds is not None:
             for name, value in (("closing_gap", UNKNOWN), ("closing_debt", 0.0)):
                 self.arrays[name].fill_(value)
+
+    def remember_springs(self) -> None:
+        """Start the books of plastic flow anew, after forces were evaluated for a given state."""
+        if self.model.yielding:
+            self.arrays["return_factor"].fill_(1.0)
+            if self.model.features.has_dilation:
+                self.arrays["return_growth"].zero_()
+            self._remember.launch()
 
     def break_bonds(self) -> None:
         """Account for the bonds that broke at this instant, and go on without them.
@@ -221,6 +234,10 @@ class Step:
         if self._energies is None:
             self._energies = self._bind_energies()
         self._energies.launch()
+        # of what slips took, plane strain keeps a part in the strain out of the plane
+        locked = self._sum("locked_energy") if "locked_energy" in self.arrays else 0.0
+        dissipated = (self._sum(x) for x in DISSIPATION if x in self.arrays)
+        volume = self._sum("volume_energy") if self.model.features.has_volume else 0.0
         contact = 0.0
         if self.model.listed_bonds is not None:
             linked = self.arrays["bond_linked"].numpy()[self.model.listed_bonds] == 1.0
@@ -229,11 +246,17 @@ class Step:
         return {
             "kinetic": self._sum("kinetic_energy"),
             "pair": self._sum("linked_energy"),
-            "volume": self._sum("volume_energy") if self.model.features.has_volume else 0.0,
+            "volume": volume + locked,
             "contact": contact,
             "damping": self._sum("damped_energy") if "damped_energy" in self.arrays else 0.0,
+            "plastic": sum(dissipated) - locked,
             "integrator": self._sum("integrator_energy") + self.integrator_released,
         }
+
+    @property
+    def work(self) -> float:
+        """Work done so far by grips, loads and a periodic box [J]."""
+        return sum(self._sum(x) for x in ("element_work", "box_work") if x in self.arrays)
 
     def evaluate_angles(self) -> dict[str, NDArray[np.float64]]:
         """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
@@ -258,7 +281,7 @@ class Step:
         """Put an array on the device under its name, or overwrite the one that is there."""
         if value.dtype.kind in "iu":
             dtype = wp.int32
-        elif name in ("element_work", "damped_energy"):
+        elif name in SUMS:
             dtype = wp.float64
         else:
             dtype = self.place if name in PLACES else self.real
@@ -282,6 +305,7 @@ class Step:
 
     def _bind_step(self) -> None:
         half, forces, fracture = 0.5 * self.dt, self._force_passes(), []
+        flow = self._flow_passes()
         self._settle: Passes | None = None
         if self.model.listed_bonds is not None:
             self._settle = self._bind_settle()
@@ -290,14 +314,16 @@ class Step:
             self._bind_break()
         self._forces = self._passes(forces)
         damping = self._damping_passes()
-        start = [self._move(0.0, half, drifts=True), *forces, *fracture]
+        box, boxed = self._box_passes()
+        drift = self._move(0.0, half, drifts=True)
+        start = [*box, drift, *forces, *flow, *boxed, *fracture]
         self._finish = self._move(half, 0.0)
         self._start = self._passes([*damping, *start])
         if damping:
             self._finish_and_start = self._passes([self._finish, *damping, *start])
         else:
             self._finish_and_start = self._passes(
-                [self._move(half, half, drifts=True), *forces, *fracture]
+                [*box, self._move(half, half, drifts=True), *forces, *flow, *boxed, *fracture]
             )
 
     def _damping_passes(self) -> list[wp.Launch]:
@@ -329,6 +355,49 @@ class Step:
             passes.insert(0, self._bind(law, m.evm_bonds, first_evm=m.facet_bonds))
         return passes
 
+    def _box_passes(self) -> tuple[list[wp.Launch], list[wp.Launch]]:
+        """Motion of the sides of a periodic box before elements move, and its work after."""
+        if self.model.box_bonds is None:
+            return [], []
+        count = len(self.model.box_bonds)
+        before, after = (
+            self._bind(strain_box(*self._space, is_after, self._simd), count)
+            for is_after in (False, True)
+        )
+        return [before], [after]
+
+    def _flow_passes(self) -> list[wp.Launch]:
+        """Return of stresses beyond yield, the slips that this leaves, forces after them."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        passes, numbers = [], numbers_type(s)
+        for group in m.yielding:
+            law = radial_return(s, k, f.faces, f.slots, f.plane, group.flow, self._simd)
+            given: dict[str, Any] = {"elements": m.elements, "first": group.first, "dt": self.dt}
+            given["numbers"] = numbers(*group.numbers)
+            passes.append(self._bind(law, group.count, **given))
+        if not passes:
+            return []
+        books = []
+        if m.facet_bonds:
+            law = facet_slip(s, k, f.faces, f.has_dilation, f.evaluates_anew, self._simd)
+            books.append(self._bind(law, m.facet_bonds))
+        if m.evm_bonds:
+            law = evm_slips(s, k, f.faces, f.has_dilation, self._simd)
+            books.append(self._bind(law, m.evm_bonds, first_evm=m.facet_bonds))
+        passes += books
+        if f.evaluates_anew:
+            passes += self._force_passes(has_dilations=True)
+        if f.has_dilation:
+            books.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
+            passes.append(books[-1])
+        self._remember = self._passes(books)
+        return passes
+
+    @property
+    def _flowing(self) -> NDArray[np.int32]:
+        assert self.model.flow_elements is not None
+        return self.model.flow_elements
+
     def _bind_settle(self) -> Passes:
         """Passes that pay what closing and opening pairs left over, at synchronous velocities."""
         (s, k), f, half = self._space, self.model.features, 0.5 * self.dt
@@ -336,7 +405,10 @@ class Step:
             "end_force": self.arrays["closing_impulse"],
             "end_torque": self.arrays["closing_twist"],
         }
-        laws = facet_settle(s, k, f.faces, self._simd), evm_settle(s, k, self._simd)
+        laws = (
+            facet_settle(s, k, f.faces, self._simd),
+            evm_settle(s, k, f.faces.has_slip, self._simd),
+        )
         passes = [self._move(half, 0.0, elements="listed_elements")]
         for _ in range(SETTLEMENTS):
             passes += self._over_listed(*laws, share=1.0)
@@ -368,7 +440,7 @@ class Step:
         ]
         if f.has_volume:
             elements = self.arrays["listed_elements"]
-            release = volume_release(s, f.slots, self._simd)
+            release = volume_release(s, f.slots, f.faces.has_slip, f.has_dilation, self._simd)
             before.append(
                 self._bind(
                     release,
@@ -386,13 +458,10 @@ class Step:
             linked_energy=self.arrays["listed_linked_energy"],
             step=0,
         )
-        self._mend = self._passes(
-            [
-                *self._unlink(),
-                *self._force_passes(near=True),
-                self._move(-half, 0.0, elements="near_elements"),
-            ]
-        )
+        mend = [*self._unlink(), *self._force_passes(near=True)]
+        if f.has_dilation:  # stresses after the break are what the next flow starts from
+            mend.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
+        self._mend = self._passes([*mend, self._move(-half, 0.0, elements="near_elements")])
         self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
         self._near_integrator = self._integrator_energies("near_elements")
 
@@ -403,7 +472,10 @@ class Step:
         self.upload("linked_energy", np.zeros(m.bonds))
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
-        law = element_energies(s, k, f.has_moments, f.has_volume, self._simd)
+        has_zz = f.faces.has_slip and f.plane_strain
+        if has_zz:
+            self.upload("locked_energy", np.zeros(m.elements))
+        law = element_energies(s, k, f.has_moments, f.has_volume, has_zz, self._simd)
         return self._passes(
             [
                 self._bind(law, m.elements),
@@ -429,8 +501,11 @@ class Step:
         passes = [steer, self._move(0.0, 0.0, drifts=True), *self._force_passes(), power]
         return self._passes(passes), power
 
-    def _force_passes(self, near: bool = False) -> list[wp.Launch]:
-        """Forces of all bonds, or of those near bonds that may break."""
+    def _force_passes(self, near: bool = False, has_dilations: bool = False) -> list[wp.Launch]:
+        """Forces of all bonds, or of those near bonds that may break.
+
+        has_dilations: the faces' dilations are at hand, as nothing has moved since.
+        """
         (s, k), m, f = self._space, self.model, self.model.features
         bonds, facets, elements = m.bonds, m.facet_bonds, m.elements
         listed, listed_elements = None, None
@@ -439,9 +514,10 @@ class Step:
             bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
         passes = []
         if f.has_volume:
-            law = face_dilation(s, k, f.faces, near, self._simd)
-            passes.append(self._bind(law, bonds, listed=listed, first=0))
-            law = volume_stresses(s, f.slots, near, self._simd)
+            if not has_dilations:
+                law = face_dilation(s, k, f.faces, near, self._simd)
+                passes.append(self._bind(law, bonds, listed=listed, first=0))
+            law = volume_stresses(s, f.slots, f.faces.has_slip, f.has_dilation, near, self._simd)
             numbers: dict[str, Any] = {"elements": m.elements, "first": 0}
             passes.append(self._bind(law, elements, listed=listed_elements, **numbers))
         if facets:
@@ -453,7 +529,7 @@ class Step:
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
         return passes + self._over_listed(
             facet_closing(s, k, f.faces, self._simd),
-            evm_closing(s, k, self._simd),
+            evm_closing(s, k, f.faces.has_slip, self._simd),
             slack=self._slack,
         )
 
@@ -486,7 +562,7 @@ class Step:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
             facet_closing_energies(s, k, m.features.faces, self._simd),
-            evm_closing_energies(s, k, self._simd),
+            evm_closing_energies(s, k, m.features.faces.has_slip, self._simd),
         )
 
     def _move(
@@ -543,7 +619,10 @@ class Step:
             law = facet_energies(s, k, f.faces, f.has_bending, ids is not None, self._simd)
             passes.append(self._bind(law, facets, **given))
         if bonds > facets:
-            law = evm_energies(s, k, m.features.large_rotation, ids is not None, self._simd)
+            f = m.features
+            law = evm_energies(
+                s, k, f.faces.has_slip, f.large_rotation, ids is not None, self._simd
+            )
             numbers: dict[str, Any] = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, **numbers, **given))
         return passes

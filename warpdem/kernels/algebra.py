@@ -132,6 +132,11 @@ def _plane(real: type) -> Laws:
         return vec(-k * (q[0] * c[0] + q[1] * c[1]), k * (q[1] * c[0] - q[0] * c[1]))
 
     @wp.func
+    def turn_back(q: rot, c: vec) -> vec:
+        """(Q^T - 1) c."""
+        return turn(rot(-q[0], q[1]), c)
+
+    @wp.func
     def no_spin() -> spin:
         return real(0.0)
 
@@ -226,6 +231,7 @@ def _plane(real: type) -> Laws:
         vec3=vec3,
         mat3=mat3,
         turn=turn,
+        turn_back=turn_back,
         no_spin=no_spin,
         cross=cross,
         rotate=rotate,
@@ -258,6 +264,11 @@ def _solid(real: type) -> Laws:
         """(Q - 1) c without cancellation."""
         p = vec(q[0], q[1], q[2])
         return real(2.0) * wp.cross(p, q[3] * c + wp.cross(p, c))
+
+    @wp.func
+    def turn_back(q: rot, c: vec) -> vec:
+        """(Q^T - 1) c."""
+        return turn(rot(-q[0], -q[1], -q[2], q[3]), c)
 
     @wp.func
     def no_spin() -> spin:
@@ -352,6 +363,7 @@ def _solid(real: type) -> Laws:
         vec3=vec,
         mat3=mat3,
         turn=turn,
+        turn_back=turn_back,
         no_spin=no_spin,
         cross=cross,
         rotate=rotate,

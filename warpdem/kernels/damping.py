@@ -88,7 +88,7 @@ def evm_dashpots(s: Laws, k: Laws, simd: bool = True):
         )
         i = nn(bond_i[b])
         j = nn(bond_j[b])
-        n = x.p - x.bend_i
+        n = x.d
         half = real(0.5) * x.length * n
         arm_i = real(evm_offset[nn(2 * c)]) * x.p + half
         arm_j = -real(evm_offset[nn(2 * c + 1)]) * x.m - half

@@ -30,8 +30,10 @@ def measures(s: Laws):
         whole: real  # 1, or 0 if the bond is crushed: D < CRUSHED a
         p: vec  # Q_i e0
         m: vec  # Q_j e0
-        bend_i: vec  # p - d
-        bend_j: vec  # m - d
+        d: vec  # direction of the bond
+        bend: vec  # m - p
+        bend_i: vec  # p - d, or, after plastic flow, from the tilted axis
+        bend_j: vec  # m - d, likewise
         half: spin  # sin(angle/2) times axis of the rotation from i to j
         cosine: real  # cos(angle/2)
 
@@ -101,7 +103,7 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
     @wp.func
     def energy(b: vec4, x: measure) -> real:
         """U [J]: Kuzkin eq. 2 + B2 + B3 + B4, so that it is zero at rest (theory A1)."""
-        bend = x.bend_i - x.bend_j
+        bend = x.bend
         ends = wp.dot(x.bend_i, x.bend_i) + wp.dot(x.bend_j, x.bend_j)
         bending = wp.dot(bend, bend)
         turning = real(4.0) * s.spin_squared(x.half)
@@ -119,8 +121,8 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
     @wp.func
     def force(b: vec4, ri: real, rj: real, x: measure):
         """Force on i [N] and torques on i and j [N m]: Kuzkin eq. 3 (theory A2)."""
-        d = x.p - x.bend_i
-        bend = x.bend_j - x.bend_i
+        d = x.d
+        bend = x.bend
         bend_i = x.bend_i
         bend_j = x.bend_j
         turn = (real(2.0) * x.cosine) * x.half
@@ -133,14 +135,14 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
         f = b[0] * x.elongation * d
         f -= (real(0.5) * b[1] / x.length) * (y - x.whole * wp.dot(y, d) * d)
         both = (b[2] - real(0.5) * b[3]) * s.cross(x.p, bend) + b[3] * turn
-        ti = ri * s.cross(x.p, f) - real(0.5) * b[1] * s.cross(x.p, bend_i) + both
-        tj = rj * s.cross(x.m, f) - real(0.5) * b[1] * s.cross(x.m, bend_j) - both
+        ti = ri * s.cross(x.p, f) - real(0.5) * b[1] * s.cross(d, bend_i) + both
+        tj = rj * s.cross(x.m, f) - real(0.5) * b[1] * s.cross(d, bend_j) - both
         return f, ti, tj
 
     @wp.func
     def closing_force(pull: real, ri: real, rj: real, x: measure):
         """Force on i and torques of a pull along the bond."""
-        f = pull * (x.p - x.bend_i)
+        f = pull * x.d
         return f, ri * s.cross(x.p, f), rj * s.cross(x.m, f)
 
     @wp.func
@@ -163,9 +165,9 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
 
 
 @cache
-def evm_kinematics(s: Laws, k: Laws) -> Laws:
+def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
     """Deformation measures of a bond, differenced in the precision of k, returned in that of s."""
-    real, narrowed, narrowed_spin = s.real, narrow(s, k), narrow_spin(s, k)
+    real, vec, narrowed, narrowed_spin = s.real, s.vec, narrow(s, k), narrow_spin(s, k)
     measure, loss = measures(s), k.real(CRUSHED - 1.0)
 
     @wp.func
@@ -206,13 +208,56 @@ def evm_kinematics(s: Laws, k: Laws) -> Laws:
         x.whole = wp.where(g < loss * a, real(0.0), real(1.0))
         x.p = narrowed(e0 + xi)
         x.m = narrowed(e0 + xj)
+        x.d = narrowed(e0 + dd)
+        x.bend = narrowed(xj - xi)
         x.bend_i = narrowed(xi - dd)
         x.bend_j = narrowed(xj - dd)
         x.half = narrowed_spin(k.axial(turned))
         x.cosine = real(k.scalar(turned))
         return x
 
-    return Laws(load_measures=load_measures)
+    @wp.func
+    def load_tilt(
+        at: int, i: int, evm_tilt: wp.array(dtype=k.real), orientation: wp.array(dtype=k.real)
+    ) -> vec:
+        """How far plastic flow has tilted an end's axis, in the world frame."""
+        tilt = k.load(evm_tilt, at)
+        return narrowed(tilt + k.turn(k.load_rot(orientation, i), tilt))
+
+    @wp.func
+    def load_flowed(
+        b: int,
+        c: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_length: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        evm_slip: wp.array(dtype=real),
+        evm_tilt: wp.array(dtype=k.real),
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ) -> measure:
+        """Elastic measures: where the bond has flowed, its length at rest is longer by `evm_slip`
+        and the ends' axes are tilted by `evm_tilt` (theory B6)."""
+        x = load_measures(
+            b,
+            c,
+            bond_i,
+            bond_j,
+            evm_direction,
+            evm_length,
+            evm_offset,
+            displacement,
+            orientation,
+        )
+        if wp.static(has_slip):
+            x.elongation = x.elongation - evm_slip[c]
+            x.bend_i = x.bend_i + load_tilt(nn(2 * c), nn(bond_i[b]), evm_tilt, orientation)
+            x.bend_j = x.bend_j + load_tilt(nn(2 * c + 1), nn(bond_j[b]), evm_tilt, orientation)
+        return x
+
+    return Laws(load_measures=load_measures, load_flowed=load_flowed)
 
 
 @cache
@@ -226,7 +271,8 @@ def evm_forces(
     simd: bool = True,
 ):
     """Pass over EVM bonds: force on i and the torques on both elements."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s, large_rotation), s.real
+    law, real = evm(s, large_rotation), s.real
+    kinematics = evm_kinematics(s, k, faces.has_slip)
     geometry, many = face(s, k, faces), volume(s)
 
     def evm_forces(
@@ -243,6 +289,8 @@ def evm_forces(
         # state read
         evm_stiffness: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
+        evm_slip: wp.array(dtype=real),
+        evm_tilt: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         volume_stress: wp.array(dtype=real),
@@ -256,7 +304,7 @@ def evm_forces(
         if wp.static(is_listed):
             b = nn(listed[b])
         c = nn(b - first_evm)
-        x = kinematics.load_measures(
+        x = kinematics.load_flowed(
             b,
             c,
             bond_i,
@@ -264,6 +312,8 @@ def evm_forces(
             evm_direction,
             evm_length,
             evm_offset,
+            evm_slip,
+            evm_tilt,
             displacement,
             orientation,
         )
@@ -289,9 +339,9 @@ def evm_forces(
 
 
 @cache
-def evm_closing(s: Laws, k: Laws, simd: bool = True):
+def evm_closing(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
     """Pass over listed EVM bonds: unlinked ones resist closing (theory B11)."""
-    kinematics, law, contact, real = evm_kinematics(s, k), evm(s), closing(s), s.real
+    kinematics, law, contact, real = evm_kinematics(s, k, has_slip), evm(s), closing(s), s.real
 
     def evm_closing(
         # model
@@ -304,6 +354,8 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
         evm_offset: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         # state read
+        evm_slip: wp.array(dtype=real),
+        evm_tilt: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         bond_linked: wp.array(dtype=real),
@@ -321,7 +373,7 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
         b = nn(listed[t])
         c = nn(b - first_evm)
         if bond_linked[b] == real(0.0):
-            x = kinematics.load_measures(
+            x = kinematics.load_flowed(
                 b,
                 c,
                 bond_i,
@@ -329,6 +381,8 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
                 evm_direction,
                 evm_length,
                 evm_offset,
+                evm_slip,
+                evm_tilt,
                 displacement,
                 orientation,
             )
@@ -350,9 +404,9 @@ def evm_closing(s: Laws, k: Laws, simd: bool = True):
 
 
 @cache
-def evm_settle(s: Laws, k: Laws, simd: bool = True):
+def evm_settle(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
     """Pass over listed EVM bonds: pay what their closing or opening left over."""
-    kinematics, contact, real = evm_kinematics(s, k), closing(s), s.real
+    kinematics, contact, real = evm_kinematics(s, k, has_slip), closing(s), s.real
 
     def evm_settle(
         # model
@@ -366,6 +420,8 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
         # state read
+        evm_slip: wp.array(dtype=real),
+        evm_tilt: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         velocity: wp.array(dtype=real),
@@ -381,7 +437,7 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
         t = wp.tid() + first
         b = nn(listed[t])
         c = nn(b - first_evm)
-        x = kinematics.load_measures(
+        x = kinematics.load_flowed(
             b,
             c,
             bond_i,
@@ -389,6 +445,8 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
             evm_direction,
             evm_length,
             evm_offset,
+            evm_slip,
+            evm_tilt,
             displacement,
             orientation,
         )
@@ -397,7 +455,7 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
             b,
             nn(bond_i[b]),
             nn(bond_j[b]),
-            x.p - x.bend_i,
+            x.d,
             real(evm_offset[nn(2 * c)]) * x.p,
             -real(evm_offset[nn(2 * c + 1)]) * x.m,
             inverse_mass,
@@ -415,9 +473,11 @@ def evm_settle(s: Laws, k: Laws, simd: bool = True):
 
 
 @cache
-def evm_energies(s: Laws, k: Laws, large_rotation: bool, is_listed: bool, simd: bool = True):
+def evm_energies(
+    s: Laws, k: Laws, has_slip: bool, large_rotation: bool, is_listed: bool, simd: bool = True
+):
     """Per EVM bond: the energy it holds linked [J]."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s, large_rotation), s.real
+    kinematics, law, real = evm_kinematics(s, k, has_slip), evm(s, large_rotation), s.real
 
     def evm_energies(
         # model
@@ -429,6 +489,8 @@ def evm_energies(s: Laws, k: Laws, large_rotation: bool, is_listed: bool, simd: 
         evm_offset: wp.array(dtype=k.real),
         # state read
         evm_stiffness: wp.array(dtype=real),
+        evm_slip: wp.array(dtype=real),
+        evm_tilt: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
@@ -441,7 +503,7 @@ def evm_energies(s: Laws, k: Laws, large_rotation: bool, is_listed: bool, simd: 
         if wp.static(is_listed):
             b = nn(listed[t])
         c = nn(b - first_evm)
-        x = kinematics.load_measures(
+        x = kinematics.load_flowed(
             b,
             c,
             bond_i,
@@ -449,6 +511,8 @@ def evm_energies(s: Laws, k: Laws, large_rotation: bool, is_listed: bool, simd: 
             evm_direction,
             evm_length,
             evm_offset,
+            evm_slip,
+            evm_tilt,
             displacement,
             orientation,
         )
@@ -458,9 +522,9 @@ def evm_energies(s: Laws, k: Laws, large_rotation: bool, is_listed: bool, simd: 
 
 
 @cache
-def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
+def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
     """Per listed EVM bond: the energy it holds, or would hold, unlinked [J]."""
-    kinematics, law, real = evm_kinematics(s, k), evm(s), s.real
+    kinematics, law, real = evm_kinematics(s, k, has_slip), evm(s), s.real
 
     def evm_closing_energies(
         # model
@@ -472,6 +536,8 @@ def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
         evm_offset: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         # state read
+        evm_slip: wp.array(dtype=real),
+        evm_tilt: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
@@ -481,7 +547,7 @@ def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
     ):
         t = wp.tid() + first
         b = nn(listed[t])
-        x = kinematics.load_measures(
+        x = kinematics.load_flowed(
             b,
             nn(b - first_evm),
             bond_i,
@@ -489,6 +555,8 @@ def evm_closing_energies(s: Laws, k: Laws, simd: bool = True):
             evm_direction,
             evm_length,
             evm_offset,
+            evm_slip,
+            evm_tilt,
             displacement,
             orientation,
         )

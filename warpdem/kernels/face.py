@@ -18,6 +18,7 @@ class Faces(NamedTuple):
 
     central: bool  # every one is in the middle of its centre line
     has_jump: bool  # some bonds meet through the side of a periodic, strained box
+    has_slip: bool = False  # some bonds flow: the anchors of their springs move
 
 
 @cache
@@ -26,7 +27,7 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
 
     Where faces are central, one arm a bond is kept and the other is its opposite.
     """
-    narrowed = narrow(s, k)
+    narrowed, real = narrow(s, k), s.real
 
     if faces.central:
 
@@ -70,6 +71,64 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         return narrowed(delta), narrowed(ci + k.turn(qi, ci)), narrowed(cj + k.turn(qj, cj))
 
     @wp.func
+    def load_slips(
+        b: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_slip: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ):
+        """How far the anchors have moved from the facet points of i and of j, Q_i s_ij and
+        Q_j s_ji (theory B2a)."""
+        si = k.load(bond_slip, nn(2 * b))
+        sj = k.load(bond_slip, nn(2 * b + 1))
+        qi = k.load_rot(orientation, nn(bond_i[b]))
+        qj = k.load_rot(orientation, nn(bond_j[b]))
+        return narrowed(si + k.turn(qi, si)), narrowed(sj + k.turn(qj, sj))
+
+    @wp.func
+    def load_anchors(
+        b: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
+        bond_slip: wp.array(dtype=k.real),
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ):
+        """Opening of the spring, and the arms from both centres to its anchors: the facet points,
+        moved by slips."""
+        delta, ci, cj = load_opening(
+            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
+        )
+        if wp.static(faces.has_slip):
+            si, sj = load_slips(b, bond_i, bond_j, bond_slip, orientation)
+            delta += sj - si
+            ci += si
+            cj += sj
+        return delta, ci, cj
+
+    @wp.func
+    def load_weights(b: int, bond_arm: wp.array(dtype=k.real)):
+        """Weights of both elements in a linear interpolation to the face: the nearer centre weighs
+        more (Shilko eq. 11). A node, which lies on the face, has none."""
+        ci = narrowed(load_arm(bond_arm, nn(2 * b)))
+        cj = narrowed(load_arm(bond_arm, nn(2 * b + 1)))
+        qi = wp.dot(ci, ci - cj)
+        qj = -wp.dot(cj, ci - cj)
+        if qi == real(0.0) or qj == real(0.0):
+            return qi / (qi + qj), qj / (qi + qj)
+        return qj / (qi + qj), qi / (qi + qj)
+
+    @wp.func
+    def load_distance(b: int, bond_arm: wp.array(dtype=k.real)) -> real:
+        """Distance of both centres along the face's normal, in the reference state."""
+        return wp.length(
+            narrowed(load_arm(bond_arm, nn(2 * b)) - load_arm(bond_arm, nn(2 * b + 1)))
+        )
+
+    @wp.func
     def load_normals(
         b: int,
         bond_i: wp.array(dtype=int),
@@ -86,7 +145,7 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         qj = k.load_rot(orientation, nn(bond_j[b]))
         return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))
 
-    narrowed_spin, real = narrow_spin(s, k), s.real
+    narrowed_spin = narrow_spin(s, k)
 
     @wp.func
     def load_turn(
@@ -106,5 +165,9 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         load_arm=load_arm,
         opening=opening,
         load_opening=load_opening,
+        load_slips=load_slips,
+        load_anchors=load_anchors,
+        load_weights=load_weights,
+        load_distance=load_distance,
         load_normals=load_normals,
     )

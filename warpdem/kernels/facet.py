@@ -95,6 +95,7 @@ def facet_forces(
         facet_stiffness: wp.array(dtype=real),
         facet_bending: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
+        bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         volume_stress: wp.array(dtype=real),
@@ -109,7 +110,12 @@ def facet_forces(
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
-        f = law.force(facet_stiffness[b], delta)
+        spring = delta
+        if wp.static(faces.has_slip):
+            si, sj = geometry.load_slips(b, bond_i, bond_j, bond_slip, orientation)
+            spring = delta + sj - si
+        f = law.force(facet_stiffness[b], spring)
+        pull = f
         if wp.static(has_volume):
             gi = volume_stress[nn(bond_i[b])]
             gj = volume_stress[nn(bond_j[b])]
@@ -120,6 +126,9 @@ def facet_forces(
         else:
             ti = s.cross(ci, f)
             tj = -s.cross(cj, f)
+        if wp.static(faces.has_slip):
+            ti += s.cross(si, pull)
+            tj -= s.cross(sj, pull)
         if wp.static(has_bending):
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             half, cosine = geometry.load_turn(b, bond_i, bond_j, orientation)
@@ -148,6 +157,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, simd: bool = True):
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         # state read
+        bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         bond_linked: wp.array(dtype=real),
@@ -162,8 +172,8 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, simd: bool = True):
         t = wp.tid()
         b = nn(listed[t])
         if bond_linked[b] == real(0.0):
-            delta, ci, cj = geometry.load_opening(
-                b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
+            delta, ci, cj = geometry.load_anchors(
+                b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
             )
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             gap = law.gap(delta, p, m)
@@ -195,6 +205,7 @@ def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
         inverse_mass: wp.array(dtype=real),
         inverse_inertia: wp.array(dtype=real),
         # state read
+        bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         velocity: wp.array(dtype=real),
@@ -207,8 +218,8 @@ def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
     ):
         t = wp.tid()
         b = nn(listed[t])
-        delta, ci, cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
+        delta, ci, cj = geometry.load_anchors(
+            b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         contact.settle(
@@ -250,6 +261,7 @@ def facet_energies(
         # state read
         facet_stiffness: wp.array(dtype=real),
         facet_bending: wp.array(dtype=real),
+        bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
@@ -259,8 +271,8 @@ def facet_energies(
         b = nn(t)
         if wp.static(is_listed):
             b = nn(listed[t])
-        delta, _ci, _cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
+        delta, _ci, _cj = geometry.load_anchors(
+            b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
         energy = law.energy(facet_stiffness[b], delta)
         if wp.static(has_bending):
@@ -288,6 +300,7 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, simd: bool = True):
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         # state read
+        bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
@@ -295,8 +308,8 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, simd: bool = True):
     ):
         t = wp.tid()
         b = nn(listed[t])
-        delta, _ci, _cj = geometry.load_opening(
-            b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
+        delta, _ci, _cj = geometry.load_anchors(
+            b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         closing_energy[t] = contact.energy(closing_stiffness[t], law.gap(delta, p, m))

@@ -478,7 +478,9 @@ def integrator_energies(
 
 
 @cache
-def element_energies(s: Laws, k: Laws, has_moments: bool, has_volume: bool, simd: bool = True):
+def element_energies(
+    s: Laws, k: Laws, has_moments: bool, has_volume: bool, has_plastic_zz: bool, simd: bool = True
+):
     """Per element: kinetic and volume energy [J]."""
     real, rotor = s.real, inertia(s, k, has_moments)
 
@@ -489,15 +491,18 @@ def element_energies(s: Laws, k: Laws, has_moments: bool, has_volume: bool, simd
         principal_moment: wp.array(dtype=real),
         principal_axes: wp.array(dtype=k.real),
         element_volume: wp.array(dtype=real),
+        element_two_shear: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
         volume_stiffness: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
+        plastic_strain_zz: wp.array(dtype=real),
         # written
         kinetic_energy: wp.array(dtype=real),
         volume_energy: wp.array(dtype=real),
+        locked_energy: wp.array(dtype=real),
     ):
         i = wp.tid()
         v = s.load(velocity, i)
@@ -510,5 +515,8 @@ def element_energies(s: Laws, k: Laws, has_moments: bool, has_volume: bool, simd
             g = volume_stress[i]
             safe = wp.where(a == real(0.0), real(1.0), a)
             volume_energy[i] = real(0.5) * element_volume[i] * g * g / safe
+            if wp.static(has_plastic_zz):  # plane strain: elastic eps_zz is -zz
+                zz = plastic_strain_zz[i]
+                locked_energy[i] = real(0.5) * element_volume[i] * element_two_shear[i] * zz * zz
 
     return kernel(element_energies, simd)

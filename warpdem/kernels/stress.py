@@ -10,6 +10,34 @@ from .memory import kernel, nn
 
 
 @cache
+def average_stress(s: Laws, k: Laws, faces: Faces, slots: int):
+    """sigma_i = sym (1/V_i) sum c (x) F [Pa] of an element; what acts out of plane is not in it."""
+    real, geometry, narrowed = s.real, face(s, k, faces), narrow(s, k)
+
+    @wp.func
+    def average(
+        i: int,
+        incidence: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        element_volume: wp.array(dtype=real),
+        orientation: wp.array(dtype=k.real),
+        end_force: wp.array(dtype=real),
+        elements: int,
+    ) -> s.mat3:
+        q = k.load_rot(orientation, i)
+        t = s.mat3()
+        for slot in range(wp.static(slots)):
+            at = nn(slot * elements + i)
+            entry = nn(incidence[at])
+            c0 = geometry.load_arm(bond_arm, entry)
+            c = s.embed(narrowed(c0 + k.turn(q, c0)))
+            t += wp.outer(c, s.embed(s.load(end_force, at)))
+        return (real(0.5) / element_volume[i]) * (t + wp.transpose(t))
+
+    return average
+
+
+@cache
 def element_stress(
     s: Laws,
     k: Laws,
@@ -19,11 +47,11 @@ def element_stress(
     plane_strain: bool,
     simd: bool = True,
 ):
-    """Pass over listed elements: sigma_i = sym (1/V_i) sum c (x) F [Pa], tension positive.
+    """Pass over listed elements: their average stress [Pa], tension positive.
 
-    Plane strain adds sigma_zz = D m; in plane stress it is zero.
+    Plane strain adds sigma_zz = D m - 2 G eps_zz, plastic; in plane stress it is zero.
     """
-    real, geometry, narrowed = s.real, face(s, k, faces), narrow(s, k)
+    real, average = s.real, average_stress(s, k, faces, slots)
 
     def element_stress(
         # model
@@ -31,26 +59,22 @@ def element_stress(
         incidence: wp.array(dtype=int),
         bond_arm: wp.array(dtype=k.real),
         element_volume: wp.array(dtype=real),
+        element_two_shear: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
+        plastic_strain_zz: wp.array(dtype=real),
         # written
         stress: wp.array(dtype=real),
         elements: int,
     ):
         i = listed[wp.tid()]
-        q = k.load_rot(orientation, i)
-        t = s.mat3()
-        for slot in range(wp.static(slots)):
-            at = nn(slot * elements + i)
-            entry = nn(incidence[at])
-            c0 = geometry.load_arm(bond_arm, entry)
-            c = s.embed(narrowed(c0 + k.turn(q, c0)))
-            t += wp.outer(c, s.embed(s.load(end_force, at)))
-        t = (real(0.5) / element_volume[i]) * (t + wp.transpose(t))
+        t = average(i, incidence, bond_arm, element_volume, orientation, end_force, elements)
         if wp.static(plane_strain and has_volume):
             t[2, 2] = volume_stress[i]
+            if wp.static(faces.has_slip):
+                t[2, 2] -= element_two_shear[i] * plastic_strain_zz[i]
         s.store_tensor(stress, i, t)
 
     return kernel(element_stress, simd)

@@ -25,6 +25,11 @@ def volume(s: Laws) -> Laws:
         return two_shear * coupling / (real(3.0) - coupling * (faces + plane_strain))
 
     @wp.func
+    def mean_stiffness(two_shear: real, coupling: real, faces: real, plane_strain: real) -> real:
+        """m/(E - P) = 2 G / (3 - D s*) [Pa] (theory B4)."""
+        return two_shear / (real(3.0) - coupling * (faces + plane_strain))
+
+    @wp.func
     def energy(v: real, a: real, dilation: real) -> real:
         """U = V A E^2 / 2 [J]."""
         return real(0.5) * v * a * dilation * dilation
@@ -38,7 +43,7 @@ def volume(s: Laws) -> Laws:
         """
         return (gi * w) * ci, -(gj * w) * cj
 
-    return Laws(stiffness=stiffness, energy=energy, force=force)
+    return Laws(stiffness=stiffness, mean_stiffness=mean_stiffness, energy=energy, force=force)
 
 
 @cache
@@ -76,8 +81,13 @@ def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = 
 
 
 @cache
-def volume_stresses(s: Laws, slots: int, is_listed: bool, simd: bool = True):
-    """Pass over elements: g_i = A_i E_i."""
+def volume_stresses(
+    s: Laws, slots: int, has_slip: bool, has_dilation: bool, is_listed: bool, simd: bool = True
+):
+    """Pass over elements: g_i = A_i (E_i - P_i), P_i a plastic change of volume (theory B6).
+
+    Where bonds flow, the mean stress m_i is kept beside it.
+    """
     real = s.real
 
     def volume_stresses(
@@ -87,8 +97,11 @@ def volume_stresses(s: Laws, slots: int, is_listed: bool, simd: bool = True):
         # state read
         volume_stiffness: wp.array(dtype=real),
         end_dilation: wp.array(dtype=real),
+        mean_stiffness: wp.array(dtype=real),
+        plastic_dilation: wp.array(dtype=real),
         # written
         volume_stress: wp.array(dtype=real),
+        mean_stress: wp.array(dtype=real),
         elements: int,
         first: int,
     ):
@@ -98,13 +111,18 @@ def volume_stresses(s: Laws, slots: int, is_listed: bool, simd: bool = True):
         e = real(0.0)
         for slot in range(wp.static(slots)):
             e += end_dilation[nn(slot * elements + i)]
-        volume_stress[i] = volume_stiffness[i] * e / element_volume[i]
+        e = e / element_volume[i]
+        if wp.static(has_dilation):
+            e = e - plastic_dilation[i]
+        volume_stress[i] = volume_stiffness[i] * e
+        if wp.static(has_slip):
+            mean_stress[i] = mean_stiffness[i] * e
 
     return kernel(volume_stresses, simd)
 
 
 @cache
-def volume_release(s: Laws, slots: int, simd: bool = True):
+def volume_release(s: Laws, slots: int, has_slip: bool, has_dilation: bool, simd: bool = True):
     """After a break, per element: the new A_i, and the energy released to each broken face.
 
     The element's drop V (A E^2 - A' E'^2) / 2 is shared evenly among the faces broken just now.
@@ -123,8 +141,10 @@ def volume_release(s: Laws, slots: int, simd: bool = True):
         bond_linked: wp.array(dtype=real),
         break_step: wp.array(dtype=int),
         end_dilation: wp.array(dtype=real),
+        plastic_dilation: wp.array(dtype=real),
         # written
         volume_stiffness: wp.array(dtype=real),
+        mean_stiffness: wp.array(dtype=real),
         element_release: wp.array(dtype=real),
         plane_strain: real,
         elements: int,
@@ -146,8 +166,15 @@ def volume_release(s: Laws, slots: int, simd: bool = True):
         v = element_volume[i]
         a = volume_stiffness[i]
         a_after = law.stiffness(element_two_shear[i], element_coupling[i], faces / v, plane_strain)
-        drop = law.energy(v, a, before / v) - law.energy(v, a_after, after / v)
+        p = real(0.0)
+        if wp.static(has_dilation):
+            p = plastic_dilation[i]
+        drop = law.energy(v, a, before / v - p) - law.energy(v, a_after, after / v - p)
         element_release[i] = drop / wp.max(broken, real(1.0))
         volume_stiffness[i] = a_after
+        if wp.static(has_slip):
+            mean_stiffness[i] = law.mean_stiffness(
+                element_two_shear[i], element_coupling[i], faces / v, plane_strain
+            )
 
     return kernel(volume_release, simd)
