@@ -4,7 +4,19 @@ from typing import TYPE_CHECKING
 
 from . import experiments, packing
 from .bond import EVMBond
-from .criteria import DruckerPrager, HuberMisesHencky, Rankine
+from .criteria import (
+    BeamLimit,
+    CustomCriterion,
+    DamageRate,
+    DruckerPrager,
+    HuberMisesHencky,
+    Incubation,
+    LinearSoftening,
+    MixedMode,
+    MohrCoulomb,
+    PlasticStrainLimit,
+    Rankine,
+)
 from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
@@ -23,18 +35,25 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "BeamLimit",
     "Body",
     "Calibration",
     "Circle",
     "CrackTracker",
+    "CustomCriterion",
+    "DamageRate",
     "DruckerPrager",
     "EVMBond",
     "HuberMisesHencky",
+    "Incubation",
     "InputError",
     "JohnsonCook",
+    "LinearSoftening",
     "Material",
+    "MixedMode",
     "ModelWarning",
     "Moduli",
+    "MohrCoulomb",
     "Nikolaevsky",
     "NonFiniteError",
     "NotConvergedError",
@@ -42,6 +61,7 @@ __all__ = [
     "Packing",
     "Perzyna",
     "PlaneProbe",
+    "PlasticStrainLimit",
     "PowerLaw",
     "Probe",
     "Rankine",

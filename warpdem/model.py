@@ -7,8 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bond import EVMBond
+from .criteria import (
+    NUMBERS,
+    CustomCriterion,
+    DamageRate,
+    Fracture,
+    Incubation,
+    LinearSoftening,
+    criterion_of,
+)
 from .errors import Array, InputError, first_ids
 from .kernels.face import Faces
+from .kernels.fracture import Test
 from .kernels.plastic import Flow
 from .plasticity import Nikolaevsky, Table, YieldLaw
 from .scene import Body, History, Scene, StrainHistory
@@ -61,8 +71,9 @@ class Features:
 class Group:
     """Listed bonds of one body that break by one criterion: [first, first + count)."""
 
-    kind: str
-    ratio: float
+    test: Test
+    numbers: tuple[float, ...]  # four
+    rate: tuple[float, float]  # time [s] and exponent of damage
     first: int
     count: int
 
@@ -133,6 +144,7 @@ class Model:
     closing_stiffness: Array | None = None  # of the listed bonds: k_c = (lambda + 2 G) S / r0 or B1
     listed_elements: Ids | None = None  # elements of the listed bonds
     bond_strength: Array | None = None  # of the listed bonds
+    softening_end: Array | None = None  # of the listed bonds: ratio at which no stress is left
     near_bonds: Ids | None = None  # all bonds of the listed elements
     near_elements: Ids | None = None  # all elements of the near bonds
     near_facets: int = 0  # near bonds that are facet bonds, stored first
@@ -144,6 +156,11 @@ class Model:
     # bond's own and one stored after all other facet bonds.
     nodes: int = 0  # stored after all other elements
     node_bonds: Ids | None = None  # (nodes,) the bonds of such faces
+
+    @property
+    def softens(self) -> bool:
+        """Whether some bonds soften before they break."""
+        return self.softening_end is not None
 
     @property
     def elements(self) -> int:
@@ -274,11 +291,19 @@ def state_arrays(
         listed = len(model.listed_bonds)
         break_step = np.full(b + 1, -2, dtype=np.int32)
         break_step[:b][linked[:b] == 1.0] = -1  # -1: may break still; -2: never will
-        state["stress"] = np.zeros((n, 4 if f.dim == 2 else 6))
+        if any(group.test.needs_stress for group in model.criteria):
+            state["stress"] = np.zeros((n, 4 if f.dim == 2 else 6))
         state["any_broken"] = np.zeros(1, dtype=np.int32)
         state["break_step"] = break_step
-        for name in ("break_energy", "break_normal", "break_shear"):
+        for name in ("break_energy", "break_normal", "break_shear", "criterion_ratio"):
             state[name] = np.zeros(listed)
+        if any(group.test.damage or group.test.softens for group in model.criteria):
+            state["break_damage"] = np.ones(listed)  # the greatest ratio of bonds that soften
+            for group in model.criteria:
+                if not group.test.softens:
+                    state["break_damage"][group.first : group.first + group.count] = 0.0
+        if model.softens:
+            state["bond_keep"] = np.ones(b + 1)
         if f.has_volume:
             state["element_release"] = np.zeros(n)
     return state
@@ -369,6 +394,20 @@ def bond_ends(model: Model) -> Array:
     if model.features.faces.central:
         return np.stack([arm[:-1], -arm[:-1]], axis=1)
     return arm[:-2].reshape(-1, 2, model.features.dim)
+
+
+def face_arms(model: Model) -> Array:
+    """Arms from the first element to each face, or to the middle of a bond without one, (b, dim)."""
+    arms = np.zeros((model.bonds, model.features.dim))
+    if model.bond_arm is not None:
+        arms[:] = bond_ends(model)[:, 0]
+    if model.evm_direction is not None:
+        assert model.evm_length is not None and model.evm_offset is not None
+        reach = model.evm_offset[:, 0] + 0.5 * model.evm_length
+        beams = arms[model.facet_bonds :]
+        bare = ~beams.any(axis=1)
+        beams[bare] = (reach[:, None] * model.evm_direction)[bare]
+    return arms
 
 
 def face_reach(model: Model) -> Array:
@@ -826,16 +865,20 @@ def _add_lists(
     groups: list[Group] = []
     at = first = 0
     facet_bodies = [b for b in stored if not isinstance(b.bond, EVMBond)]
+    ends: list[Array] = []
     for body, mask in zip(stored, unlinked, strict=True):
         breakable = np.flatnonzero(body.breakable)
         cut = np.flatnonzero(mask & ~body.breakable)
         if body.fracture is not None and len(breakable):
-            criterion = body.fracture
-            groups.append(Group(criterion.kind, criterion.ratio, first, len(breakable)))
+            groups.append(_group(body.fracture, first, len(breakable)))
+            criterion = criterion_of(body.fracture)
             strength.append(criterion.strength * body.strength_factor[breakable])
         else:
             strength.append(np.zeros(len(breakable)))
         strength.append(np.full(len(cut), np.inf))
+        ends.append(np.ones(len(breakable) + len(cut)))
+        if isinstance(body.fracture, LinearSoftening) and len(breakable):
+            ends[-1][: len(breakable)] = _softening_end(body, body.fracture, breakable)
         listed += [breakable + at, cut + at]
         ids = np.concatenate([breakable, cut])
         if isinstance(body.bond, EVMBond):
@@ -857,8 +900,42 @@ def _add_lists(
     if groups:
         model.criteria = tuple(groups)
         model.bond_strength = np.concatenate(strength)
+        if any(group.test.softens for group in groups):
+            model.softening_end = np.concatenate(ends)
         near = np.unique(model.incidence[:, model.listed_elements] >> 1)
         model.near_bonds = near[near < model.bonds].astype(np.int32)
         model.near_facets = int((model.near_bonds < model.facet_bonds).sum())
         both = np.stack([model.bond_i, model.bond_j])[:, model.near_bonds]
         model.near_elements = np.unique(both).astype(np.int32)
+
+
+def _group(fracture: Fracture, first: int, count: int) -> Group:
+    """Bonds of one body and the device's form of what breaks them."""
+    criterion = criterion_of(fracture)
+    function = criterion.function if isinstance(criterion, CustomCriterion) else None
+    damage, rate = "", (0.0, 0.0)
+    if isinstance(fracture, Incubation | DamageRate):
+        damage, rate = fracture.damage, fracture.rate
+    test = Test(criterion.kind, function, damage, isinstance(fracture, LinearSoftening))
+    given = tuple(criterion.numbers)
+    return Group(test, (*given, *[0.0] * (NUMBERS - len(given))), rate, first, count)
+
+
+def _softening_end(body: Body, fracture: LinearSoftening, ids: NDArray[np.int64]) -> Array:
+    """Ratio of the elastic stress to the strength at which softening bonds have no stress left.
+
+    2 G_c/s_t over the opening s_t r0/(lambda + 2G) at the strength s_t.
+    """
+    strength = fracture.criterion.tension * body.strength_factor[ids]
+    modulus = body.pressure_modulus[body.packing.bonds[ids]].min(axis=1)
+    end = 2.0 * fracture.fracture_energy * modulus / (strength**2 * body.packing.bond_length[ids])
+    bad = np.zeros(len(body.linked), dtype=bool)
+    bad[ids] = end <= 1.0
+    if bad.any():
+        worst = float(end.min())
+        raise InputError(
+            f"bonds {first_ids(bad)} are too long to soften over this fracture energy: they would "
+            f"snap. Take a spacing below {worst:.3g} of this one, a greater fracture energy or a "
+            "lower strength."
+        )
+    return end

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .bond import EVMBond
-from .criteria import Criterion
-from .errors import Array, InputError, ModelWarning, finite, first_ids, positive
+from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
+from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw
@@ -36,7 +36,7 @@ class Body:
     materials: tuple[Material, ...]
     grain: NDArray[np.int64]  # (n,) which of the materials an element is of
     bond: str | EVMBond
-    fracture: Criterion | None
+    fracture: Fracture | None
     has_volume: bool
     facet_bending: bool
     yielding: tuple[YieldLaw | None, ...]  # of each material
@@ -154,7 +154,7 @@ class Scene:
         packing: Packing,
         material: Material | Sequence[Material],
         bond: str | EVMBond = "facet",
-        fracture: Criterion | None = None,
+        fracture: Fracture | None = None,
         volume: bool | None = None,
         grain: ArrayLike | None = None,
         facet_bending: bool = False,
@@ -198,8 +198,8 @@ class Scene:
             has_volume = any(m.poisson != 0.0 for m in materials) and volume is not False
         else:
             raise InputError(f"bond is {bond!r}; give 'facet' or an EVMBond.")
-        if not faces and (has_volume or fracture is not None):
-            raise InputError("the volume term and fracture criteria need a packing with faces.")
+        if not faces and has_volume:
+            raise InputError("the volume term needs a packing with faces.")
         if len(packing.bonds) == 0 and len(packing) > 1:
             raise InputError("the packing has no bonds; its elements would fly apart unbound.")
         for other in self.bodies:
@@ -212,6 +212,7 @@ class Scene:
         if facet_bending and bond != "facet":
             raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
         laws = _yield_laws(packing, materials, bond, volume, yielding)
+        _check_fracture(packing, bond, laws, fracture)
         has_volume |= any(law is not None for law in laws)
         body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending, laws)
         self.bodies.append(body)
@@ -263,6 +264,26 @@ class Scene:
             body.strength_factor[:] = factor
         else:
             body.strength_factor[self._crossing(body, start, end, depth)] = factor
+
+    def scatter_strength(self, body: Body, modulus: float, seed: int = 0, by: str = "bond") -> None:
+        """Multiply the strengths of bonds by random factors of Weibull's distribution.
+
+        modulus: m; the criterion's strength is that which 1 - 1/e of them do not reach. by: "bond"
+        draws a factor for every bond, "element" one for every element, of which a bond has the
+        lesser of both. The same seed draws the same factors.
+        """
+        self._own(body)
+        positive("modulus", modulus, ())
+        one_of("by", by, ("bond", "element"))
+        if body.fracture is None:
+            raise InputError("this body has no fracture criterion to scatter; give one first.")
+        rng = np.random.default_rng(seed)
+        if by == "bond":
+            factor = rng.weibull(modulus, len(body.packing.bonds))
+        else:
+            factor = rng.weibull(modulus, len(body.packing))[body.packing.bonds].min(axis=1)
+        # a strength of 0 would break at once and for no load
+        body.strength_factor *= np.maximum(factor, 1e-6)
 
     def strain(
         self, body: Body, strain: ArrayLike | StrainHistory, origin: ArrayLike | None = None
@@ -618,6 +639,37 @@ def _yield_laws(
     if packing.plane == "stress" and any(isinstance(law, Nikolaevsky) for law in laws):
         raise InputError("Nikolaevsky's flow is for plane strain and space, not plane stress.")
     return laws
+
+
+def _check_fracture(
+    packing: Packing,
+    bond: str | EVMBond,
+    laws: tuple[YieldLaw | None, ...],
+    fracture: Fracture | None,
+) -> None:
+    if fracture is None:
+        return
+    if not isinstance(fracture, Fracture):
+        raise InputError(
+            f"fracture is {fracture!r}; give a criterion such as DruckerPrager, or one within "
+            "Incubation, DamageRate or LinearSoftening."
+        )
+    criterion = criterion_of(fracture)
+    if isinstance(criterion, BeamLimit):
+        if not isinstance(bond, EVMBond):
+            raise InputError("a BeamLimit is for EVM bonds; facet bonds take criteria of stress.")
+    elif packing.area is None:
+        raise InputError(
+            "criteria of stress need a packing with faces; bonds without faces break by a "
+            "BeamLimit."
+        )
+    if isinstance(criterion, PlasticStrainLimit) and all(law is None for law in laws):
+        raise InputError("a limit of plastic strain needs a yield law: give yielding as well.")
+    if isinstance(fracture, LinearSoftening) and any(law is not None for law in laws):
+        raise InputError(
+            "bonds that yield do not soften: their slips would keep the stiffness of the whole "
+            "bond; leave one of both out."
+        )
 
 
 def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:

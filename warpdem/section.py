@@ -1,7 +1,7 @@
 """Cross sections of bonds: area, second moment, torsion constant, shear coefficient."""
 
 from dataclasses import dataclass
-from math import pi, tanh
+from math import cosh, pi, tanh
 from typing import Protocol
 
 from .errors import InputError, positive
@@ -21,6 +21,14 @@ class Section(Protocol):
     @property
     def torsion_constant(self) -> float:
         """J_p [m^4] of Saint-Venant's torsion; of circles the polar moment."""
+
+    @property
+    def section_modulus(self) -> float:
+        """W [m^3]: moment over the greatest stress in bending."""
+
+    @property
+    def torsion_modulus(self) -> float:
+        """W_t [m^3]: moment over the greatest shear stress in torsion."""
 
     @property
     def bends_alike(self) -> bool:
@@ -59,6 +67,16 @@ class Circle:
     def torsion_constant(self) -> float:
         """J_p [m^4]."""
         return pi * self.radius**4 / 2.0
+
+    @property
+    def section_modulus(self) -> float:
+        """W [m^3]."""
+        return self.second_moment / self.radius
+
+    @property
+    def torsion_modulus(self) -> float:
+        """W_t [m^3]."""
+        return self.torsion_constant / self.radius
 
     @property
     def bends_alike(self) -> bool:
@@ -100,6 +118,16 @@ class Tube:
     def torsion_constant(self) -> float:
         """J_p [m^4]."""
         return pi * (self.outer**4 - self.inner**4) / 2.0
+
+    @property
+    def section_modulus(self) -> float:
+        """W [m^3]."""
+        return self.second_moment / self.outer
+
+    @property
+    def torsion_modulus(self) -> float:
+        """W_t [m^3]."""
+        return self.torsion_constant / self.outer
 
     @property
     def bends_alike(self) -> bool:
@@ -148,6 +176,19 @@ class Rectangle:
         long, short = max(self.width, self.height), min(self.width, self.height)
         series = sum(tanh(n * pi * long / (2.0 * short)) / n**5 for n in range(1, 1001, 2))
         return long * short**3 * (1.0 - 192.0 / pi**5 * short / long * series) / 3.0
+
+    @property
+    def section_modulus(self) -> float:
+        """W [m^3] of bending in the plane of the height."""
+        return self.width * self.height**2 / 6.0
+
+    @property
+    def torsion_modulus(self) -> float:
+        """Saint-Venant's series [m^3]: shear is greatest in the middle of a long side."""
+        long, short = max(self.width, self.height), min(self.width, self.height)
+        steps = ((n, min(0.5 * n * pi * long / short, 700.0)) for n in range(1, 200, 2))
+        left = sum(1.0 / (n * n * cosh(x)) for n, x in steps)
+        return self.torsion_constant / (short * (1.0 - 8.0 / pi**2 * left))
 
     @property
     def bends_alike(self) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import fields
 from .bond import EVMBond
 from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
-from .model import bond_ends, build, state_arrays, with_moving_nodes, with_nodes
+from .model import build, face_arms, state_arrays, with_moving_nodes, with_nodes
 from .scene import Body, Scene, Servo
 from .stability import bound_damping, bound_frequency, largest_frequency, link_states
 from .statics import Telling, equilibrate, natural_frequencies, relax
@@ -371,7 +371,27 @@ class Simulation:
         """Whether each bond is linked, (b,)."""
         if self.model.listed_bonds is None:
             return np.ones(len(self.model.own_bonds), dtype=bool)
-        return self._step.download("bond_linked")[self.model.own_bonds] == 1.0
+        return self._step.download("bond_linked")[self.model.own_bonds] > 0.0
+
+    @property
+    def integrity(self) -> Array:
+        """Share of its stiffness that each bond has, (b,): 1 whole, 0 unlinked, between them
+        softening."""
+        if self.model.listed_bonds is None:
+            return np.ones(len(self.model.own_bonds))
+        return self._step.download("bond_linked")[self.model.own_bonds].astype(np.float64)
+
+    @property
+    def criterion_ratio(self) -> Array:
+        """Greatest ratio of equivalent stress to strength that each bond has seen so far, (b,).
+
+        A whole bond breaks, or starts to soften, above 1; 0 where a bond cannot break.
+        """
+        m = self.model
+        ratio = np.zeros(m.bonds)
+        if m.criteria:
+            ratio[m.listed_bonds] = self._step.download("criterion_ratio")
+        return ratio[m.own_bonds]
 
     @property
     def damage(self) -> Array:
@@ -403,7 +423,7 @@ class Simulation:
         kinds += [("x", float), ("y", float), ("z", float), ("normal_stress", float)]
         kinds += [("shear_stress", float), ("mode", "U6"), ("released_energy", float)]
         m = self.model
-        if not m.criteria or m.listed_bonds is None or m.bond_arm is None:
+        if not m.criteria or m.listed_bonds is None:
             return np.zeros(0, dtype=kinds)
         step = self._step.download("break_step")[m.listed_bonds]
         rows = np.flatnonzero(step >= 0)
@@ -413,7 +433,7 @@ class Simulation:
         log["bond"] = np.searchsorted(m.own_bonds, bond)
         log["i"], log["j"] = m.bond_i[bond], m.bond_j[bond]
         log["step"], log["time"] = step[rows], step[rows] * self.dt
-        place = m.position[m.bond_i[bond]] + bond_ends(m)[bond, 0]
+        place = m.position[m.bond_i[bond]] + face_arms(m)[bond]
         for axis, name in zip(range(m.features.dim), "xyz", strict=False):
             log[name] = place[:, axis]
         log["normal_stress"] = self._step.download("break_normal")[rows]

@@ -28,7 +28,7 @@ from .kernels.facet import (
     facet_settle,
     facet_unlink,
 )
-from .kernels.fracture import break_bonds, log_breaks
+from .kernels.fracture import break_beams, break_bonds, criterion_numbers, log_breaks
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
 from .kernels.relaxation import fire, fire_power
@@ -48,7 +48,8 @@ OPTIONAL = frozenset(
         *("principal_moment", "principal_axes"),
         *("bond_slip", "evm_slip", "evm_tilt", "mean_stiffness", "mean_stress", "return_growth"),
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
-        *("hardening_strain", "hardening_stress"),
+        *("hardening_strain", "hardening_stress", "plastic_strain"),
+        *("bond_keep", "break_damage", "softening_end"),
     }
 )
 # sums over many steps, in float64 always
@@ -240,7 +241,7 @@ class Step:
         volume = self._sum("volume_energy") if self.model.features.has_volume else 0.0
         contact = 0.0
         if self.model.listed_bonds is not None:
-            linked = self.arrays["bond_linked"].numpy()[self.model.listed_bonds] == 1.0
+            linked = self.arrays["bond_linked"].numpy()[self.model.listed_bonds] > 0.0
             closing = self.arrays["closing_energy"].numpy()
             contact = float(closing.sum(where=~linked, dtype=np.float64))
         return {
@@ -420,12 +421,20 @@ class Step:
     def _fracture_passes(self) -> list[wp.Launch]:
         """Stress of the elements whose bonds may break, and the test of each criterion."""
         (s, k), m = self._space, self.model
-        passes = [self._stress("listed_elements")]
+        passes, four = [], criterion_numbers(s)
+        if any(group.test.needs_stress for group in m.criteria):
+            passes.append(self._stress("listed_elements"))
         for group in m.criteria:
-            test = break_bonds(s, k, m.features.faces, group.kind, self._simd)
-            numbers: dict[str, Any] = {"ratio": group.ratio, "first": group.first}
-            listed = self.arrays["listed_bonds"]
-            passes.append(self._bind(test, group.count, listed=listed, **numbers))
+            time, exponent = group.rate
+            given: dict[str, Any] = {"time": time, "exponent": exponent, "dt": self.dt}
+            given |= {"numbers": four(*group.numbers), "first": group.first}
+            given["listed"] = self.arrays["listed_bonds"]
+            if group.test.needs_stress:
+                law = break_bonds(s, k, m.features.faces, group.test, self._simd)
+            else:
+                law = break_beams(s, k, group.test, self._simd)
+                given["first_evm"] = m.facet_bonds
+            passes.append(self._bind(law, group.count, **given))
         return passes
 
     def _bind_break(self) -> None:
@@ -440,7 +449,9 @@ class Step:
         ]
         if f.has_volume:
             elements = self.arrays["listed_elements"]
-            release = volume_release(s, f.slots, f.faces.has_slip, f.has_dilation, self._simd)
+            release = volume_release(
+                s, f.slots, f.faces.has_slip, f.has_dilation, m.softens, self._simd
+            )
             before.append(
                 self._bind(
                     release,
@@ -452,7 +463,7 @@ class Step:
             )
         self._break = self._passes(before)
         self._log = self._bind(
-            log_breaks(s, f.has_volume, self._simd),
+            log_breaks(s, f.has_volume, m.softens, self._simd),
             listed.size,
             listed=listed,
             linked_energy=self.arrays["listed_linked_energy"],
@@ -550,10 +561,10 @@ class Step:
         return passes
 
     def _unlink(self) -> list[wp.Launch]:
-        (s, _), f = self._space, self.model.features
+        (s, _), f, softens = self._space, self.model.features, self.model.softens
         return self._over_listed(
-            facet_unlink(s, f.has_volume, f.has_bending, self._simd),
-            evm_unlink(s, f.has_volume, f.has_dashpots, self._simd),
+            facet_unlink(s, f.has_volume, f.has_bending, softens, self._simd),
+            evm_unlink(s, f.has_volume, f.has_dashpots, softens, self._simd),
         )
 
     def _closing_energies(self) -> list[wp.Launch]:

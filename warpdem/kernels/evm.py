@@ -612,8 +612,9 @@ def evm_angles(s: Laws, k: Laws, simd: bool = True):
 
 
 @cache
-def evm_unlink(s: Laws, has_volume: bool, has_dashpots: bool, simd: bool = True):
-    """Pass over listed EVM bonds: an unlinked bond has neither stiffness nor dashpots."""
+def evm_unlink(s: Laws, has_volume: bool, has_dashpots: bool, softens: bool, simd: bool = True):
+    """Pass over listed EVM bonds: an unlinked bond has neither stiffness nor dashpots, a softened
+    one less of both."""
     real = s.real
 
     def evm_unlink(
@@ -621,6 +622,7 @@ def evm_unlink(s: Laws, has_volume: bool, has_dashpots: bool, simd: bool = True)
         # state read
         bond_linked: wp.array(dtype=real),
         # written
+        bond_keep: wp.array(dtype=real),
         evm_stiffness: wp.array(dtype=real),
         evm_dashpot: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
@@ -629,11 +631,15 @@ def evm_unlink(s: Laws, has_volume: bool, has_dashpots: bool, simd: bool = True)
     ):
         b = nn(listed[wp.tid() + first])
         c = nn(b - first_evm)
+        keep = bond_linked[b]
+        if wp.static(softens):
+            keep = bond_keep[b]
+            bond_keep[b] = real(1.0)
         for n in range(4):
-            evm_stiffness[4 * c + n] = bond_linked[b] * evm_stiffness[4 * c + n]
+            evm_stiffness[4 * c + n] = keep * evm_stiffness[4 * c + n]
             if wp.static(has_dashpots):
-                evm_dashpot[4 * c + n] = bond_linked[b] * evm_dashpot[4 * c + n]
+                evm_dashpot[4 * c + n] = keep * evm_dashpot[4 * c + n]
         if wp.static(has_volume):
-            bond_weight[b] = bond_linked[b] * bond_weight[b]
+            bond_weight[b] = keep * bond_weight[b]
 
     return kernel(evm_unlink, simd)

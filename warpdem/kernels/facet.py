@@ -318,8 +318,8 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, simd: bool = True):
 
 
 @cache
-def facet_unlink(s: Laws, has_volume: bool, has_bending: bool, simd: bool = True):
-    """Pass over listed facet bonds: an unlinked bond has no stiffness."""
+def facet_unlink(s: Laws, has_volume: bool, has_bending: bool, softens: bool, simd: bool = True):
+    """Pass over listed facet bonds: an unlinked bond has no stiffness, a softened one less."""
     real = s.real
 
     def facet_unlink(
@@ -327,16 +327,21 @@ def facet_unlink(s: Laws, has_volume: bool, has_bending: bool, simd: bool = True
         # state read
         bond_linked: wp.array(dtype=real),
         # written
+        bond_keep: wp.array(dtype=real),
         facet_stiffness: wp.array(dtype=real),
         facet_bending: wp.array(dtype=real),
         bond_weight: wp.array(dtype=real),
     ):
         b = nn(listed[wp.tid()])
-        facet_stiffness[b] = bond_linked[b] * facet_stiffness[b]
+        keep = bond_linked[b]
+        if wp.static(softens):
+            keep = bond_keep[b]
+            bond_keep[b] = real(1.0)
+        facet_stiffness[b] = keep * facet_stiffness[b]
         if wp.static(has_bending):
             for n in range(2):
-                facet_bending[2 * b + n] = bond_linked[b] * facet_bending[2 * b + n]
+                facet_bending[2 * b + n] = keep * facet_bending[2 * b + n]
         if wp.static(has_volume):
-            bond_weight[b] = bond_linked[b] * bond_weight[b]
+            bond_weight[b] = keep * bond_weight[b]
 
     return kernel(facet_unlink, simd)

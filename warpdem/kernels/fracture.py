@@ -1,6 +1,8 @@
 """Stress tensor of a pair, fracture criteria, and the switch linked -> unlinked (Shilko 13-14)."""
 
 from functools import cache
+from math import pi
+from typing import NamedTuple
 
 import warp as wp
 
@@ -13,6 +15,8 @@ from .memory import kernel, nn
 def pair_tensor(s: Laws) -> Laws:
     """Tensor on a face, and the invariants that criteria use."""
     real, vec3, mat3 = s.real, s.vec3, s.mat3
+    # not within a function, where Warp would divide in float32
+    two_thirds, root_27, third_turn = real(2.0 / 3.0), real(27.0**0.5), real(2.0 * pi / 3.0)
 
     @wp.func
     def tensor(mean: mat3, traction: vec3, n: vec3) -> mat3:
@@ -36,60 +40,154 @@ def pair_tensor(s: Laws) -> Laws:
         return wp.sqrt(real(1.5) * wp.ddot(dev, dev))
 
     @wp.func
-    def first_principal(t: mat3) -> real:
-        """Greatest principal stress, by the angle of the deviator's third invariant."""
-        m = mean_stress(t)
-        q = von_mises(t)
-        if q == real(0.0):
-            return m
-        x = real(13.5) * wp.determinant(t - m * wp.identity(n=3, dtype=real)) / (q * q * q)
-        angle = wp.acos(wp.clamp(x, real(-1.0), real(1.0))) / real(3.0)
-        return m + real(2.0 / 3.0) * q * wp.cos(angle)
+    def principal(t: mat3):
+        """Greatest and least principal stress.
 
-    return Laws(
-        tensor=tensor, mean_stress=mean_stress, von_mises=von_mises, first_principal=first_principal
-    )
+        The angle of the deviator's invariants comes from the discriminant as a sum of squares
+        (the Gram determinant of 1, T, T^2 by Lagrange's identity), which does not cancel where two
+        values meet.
+        """
+        m = mean_stress(t)
+        d = t - m * wp.identity(n=3, dtype=real)
+        square = wp.ddot(d, d)
+        e = d * d - (square / real(3.0)) * wp.identity(n=3, dtype=real)
+        gram = real(0.0)
+        for row in range(9):
+            for column in range(9):
+                minor = d[row // 3, row % 3] * e[column // 3, column % 3]
+                minor -= d[column // 3, column % 3] * e[row // 3, row % 3]
+                gram += minor * minor
+        # (2 J2^1.5)^2 = (3 sqrt3 J3)^2 + discriminant, which is 3/2 of that sum
+        angle = wp.atan2(wp.sqrt(real(1.5) * gram), root_27 * wp.determinant(d)) / real(3.0)
+        size = wp.sqrt(two_thirds * square)
+        return m + size * wp.cos(angle), m + size * wp.cos(angle + third_turn)
+
+    return Laws(tensor=tensor, mean_stress=mean_stress, von_mises=von_mises, principal=principal)
+
+
+class Test(NamedTuple):
+    """The form of a fracture criterion; its numbers are arguments."""
+
+    kind: str
+    function: wp.Function | None = None  # a user's own equivalent stress
+    damage: str = ""  # "incubation" or "power": what grows with time
+    softens: bool = False
+
+    @property
+    def needs_stress(self) -> bool:
+        """Whether it looks at the average stress of elements."""
+        return self.kind != "beam"
 
 
 @cache
-def criterion(s: Laws, kind: str):
-    """Equivalent stress of a pair tensor, to be compared with a strength [Pa]."""
-    real, mat3, law = s.real, s.mat3, pair_tensor(s)
+def criterion_numbers(s: Laws):
+    """Four numbers of a criterion."""
+    return wp.types.vector(4, s.real)
 
-    if kind == "huber_mises_hencky":
+
+@cache
+def criterion(s: Laws, test: Test):
+    """Equivalent stress of a pair tensor on a face of normal n, to be compared with a strength."""
+    real, vec3, mat3, law, four = s.real, s.vec3, s.mat3, pair_tensor(s), criterion_numbers(s)
+
+    if test.kind == "huber_mises_hencky":
 
         @wp.func
-        def huber_mises_hencky(t: mat3, ratio: real) -> real:
+        def huber_mises_hencky(t: mat3, n: vec3, x: four) -> real:
             """Shilko eq. 14, first line."""
             return law.von_mises(t)
 
         return huber_mises_hencky
 
-    if kind == "drucker_prager":
+    if test.kind == "drucker_prager":
 
         @wp.func
-        def drucker_prager(t: mat3, ratio: real) -> real:
-            """Shilko eq. 14, second line: compared with the compressive strength."""
+        def drucker_prager(t: mat3, n: vec3, x: four) -> real:
+            """Shilko eq. 14, second line: compared with the compressive strength; x[0] = a."""
             one = real(1.0)
-            return real(0.5) * (ratio + one) * law.von_mises(t) + real(1.5) * (
-                ratio - one
+            return real(0.5) * (x[0] + one) * law.von_mises(t) + real(1.5) * (
+                x[0] - one
             ) * law.mean_stress(t)
 
         return drucker_prager
 
-    @wp.func
-    def rankine(t: mat3, ratio: real) -> real:
-        """Greatest principal stress."""
-        return law.first_principal(t)
+    if test.kind == "rankine":
 
-    return rankine
+        @wp.func
+        def rankine(t: mat3, n: vec3, x: four) -> real:
+            """Greatest principal stress."""
+            first, _third = law.principal(t)
+            return first
+
+        return rankine
+
+    if test.kind == "mohr_coulomb":
+
+        @wp.func
+        def mohr_coulomb(t: mat3, n: vec3, x: four) -> real:
+            """s1 - s3 + (s1 + s3) sin(phi), or s1 times the strength over the cut-off."""
+            first, third = law.principal(t)
+            return wp.max(first - third + (first + third) * x[0], first * x[1])
+
+        return mohr_coulomb
+
+    if test.kind == "mixed_mode":
+
+        @wp.func
+        def mixed_mode(t: mat3, n: vec3, x: four) -> real:
+            """sqrt(<s>^2 + (tau s_t/t_t)^2) on the face; x[0] = s_t/t_t."""
+            traction = t * n
+            normal = wp.max(wp.dot(traction, n), real(0.0))
+            shear = x[0] * wp.length(s.split(traction, n))
+            return wp.sqrt(normal * normal + shear * shear)
+
+        return mixed_mode
+
+    if test.kind == "custom":
+        own = test.function
+
+        @wp.func
+        def custom(t: mat3, n: vec3, x: four) -> real:
+            """The user's."""
+            return own(t, n, x)
+
+        return custom
+
+    raise ValueError(f"no criterion {test.kind}")
 
 
 @cache
-def break_bonds(s: Laws, k: Laws, faces: Faces, kind: str, simd: bool = True):
-    """Pass over listed bonds: those whose equivalent stress exceeds their strength unlink."""
-    geometry, law, equivalent = face(s, k, faces), pair_tensor(s), criterion(s, kind)
-    real, narrowed = s.real, narrow(s, k)
+def exceeding(s: Laws, test: Test):
+    """Whether a pair breaks at a criterion's ratio, and what grows towards it with time."""
+    real = s.real
+
+    @wp.func
+    def grown(ratio: real, damage: real, time: real, exponent: real, dt: real) -> real:
+        """Damage after a step: of incubation dy/dt = (R - y)/T, of a power dD/dt = R^n/T."""
+        if wp.static(test.damage == "incubation"):
+            return damage + (real(1.0) - wp.exp(-dt / time)) * (ratio - damage)
+        return damage + dt / time * wp.pow(wp.max(ratio, real(0.0)), exponent)
+
+    @wp.func
+    def left(worst: real, last: real) -> real:
+        """Share of its stiffness that a softening bond keeps at its greatest ratio: secant to the
+        line from the strength (1) to no stress at the ratio `last`."""
+        return wp.max(last - worst, real(0.0)) / (worst * (last - real(1.0)))
+
+    return Laws(grown=grown, left=left)
+
+
+@cache
+def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, simd: bool = True):
+    """Pass over listed bonds: those whose equivalent stress exceeds their strength unlink.
+
+    The greatest ratio of both is kept. Where bonds soften, what they carry counts as if they were
+    whole, and `bond_keep` says which share of its stiffness a bond keeps in this step.
+    """
+    geometry, law, real = face(s, k, faces), pair_tensor(s), s.real
+    rule, four = exceeding(s, test), criterion_numbers(s)
+    is_strain = test.kind == "plastic_strain"
+    equivalent = None if is_strain else criterion(s, test)
 
     def break_bonds(
         # model
@@ -100,45 +198,170 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, kind: str, simd: bool = True):
         bond_arm: wp.array(dtype=k.real),
         bond_area: wp.array(dtype=real),
         bond_strength: wp.array(dtype=real),
+        softening_end: wp.array(dtype=real),
         # state read
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
         stress: wp.array(dtype=real),
+        plastic_strain: wp.array(dtype=real),
         # written
         bond_linked: wp.array(dtype=real),
+        bond_keep: wp.array(dtype=real),
+        criterion_ratio: wp.array(dtype=real),
+        break_damage: wp.array(dtype=real),
         break_normal: wp.array(dtype=real),
         break_shear: wp.array(dtype=real),
         any_broken: wp.array(dtype=int),
-        ratio: real,
+        numbers: four,
+        time: real,
+        exponent: real,
+        dt: real,
         first: int,
     ):
         l = wp.tid() + first
         b = nn(listed[l])
-        if bond_linked[b] == real(0.0):
+        linked = bond_linked[b]
+        if linked == real(0.0):
             return
+        i = nn(bond_i[b])
+        j = nn(bond_j[b])
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         n = s.embed(wp.normalize(p + m))
         traction = s.embed(s.load(end_force, nn(bond_place[nn(2 * b)]))) / bond_area[b]
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
-        ci = narrowed(geometry.load_arm(bond_arm, nn(2 * b)))
-        cj = narrowed(geometry.load_arm(bond_arm, nn(2 * b + 1)))
-        qi = wp.dot(ci, ci - cj)
-        qj = -wp.dot(cj, ci - cj)
-        mean = (
-            qj * s.load_tensor(stress, nn(bond_i[b])) + qi * s.load_tensor(stress, nn(bond_j[b]))
-        ) / (qi + qj)
-        if equivalent(law.tensor(mean, traction, n), ratio) > bond_strength[l]:
-            bond_linked[b] = real(0.0)
-            break_normal[l] = wp.dot(traction, n)
-            break_shear[l] = wp.length(s.split(traction, n))
-            any_broken[0] = 1
+        wi, wj = geometry.load_weights(b, bond_arm)
+        if wp.static(is_strain):
+            ratio = (wi * plastic_strain[i] + wj * plastic_strain[j]) / bond_strength[l]
+        else:
+            mean = wi * s.load_tensor(stress, i) + wj * s.load_tensor(stress, j)
+            whole = traction
+            if wp.static(test.softens):
+                whole = traction / linked
+            ratio = equivalent(law.tensor(mean, whole, n), n, numbers) / bond_strength[l]
+        criterion_ratio[l] = wp.max(criterion_ratio[l], ratio)
+        if wp.static(test.damage != ""):
+            ratio = rule.grown(ratio, break_damage[l], time, exponent, dt)
+            break_damage[l] = ratio
+        if wp.static(test.softens):
+            if ratio > break_damage[l]:
+                break_damage[l] = ratio
+                kept = rule.left(ratio, softening_end[l])
+                if linked == real(1.0):  # where it first failed
+                    break_normal[l] = wp.dot(traction, n)
+                    break_shear[l] = wp.length(s.split(traction, n))
+                bond_keep[b] = kept / linked
+                bond_linked[b] = kept
+                any_broken[0] = 1
+        else:
+            if ratio > real(1.0):
+                bond_linked[b] = real(0.0)
+                break_normal[l] = wp.dot(traction, n)
+                break_shear[l] = wp.length(s.split(traction, n))
+                any_broken[0] = 1
 
     return kernel(break_bonds, simd)
 
 
 @cache
-def log_breaks(s: Laws, has_volume: bool, simd: bool = True):
-    """Pass over listed bonds: stamp those broken just now with the step and the energy released."""
+def beam_stress(s: Laws) -> Laws:
+    """Greatest stresses of a beam from what acts at its ends (Potyondy and Cundall 2004)."""
+    real, vec, spin, four = s.real, s.vec, s.spin, criterion_numbers(s)
+
+    if s.dim == 2:
+
+        @wp.func
+        def moments(torque: spin, axis: vec):
+            """Bending and twisting moment of a torque."""
+            return wp.abs(torque), real(0.0)
+    else:
+
+        @wp.func
+        def moments(torque: spin, axis: vec):
+            """Bending and twisting moment of a torque."""
+            twist = wp.dot(torque, axis)
+            return wp.length(torque - twist * axis), wp.abs(twist)
+
+    @wp.func
+    def stresses(force: vec, ti: spin, tj: spin, axis: vec, x: four):
+        """F_n/S + |M_b|/W and |F_s|/S + |M_t|/W_t; x: 1/S, 1/W, 1/W_t."""
+        along = wp.dot(force, axis)
+        bend_i, twist_i = moments(ti, axis)
+        bend_j, twist_j = moments(tj, axis)
+        normal = along * x[0] + wp.max(bend_i, bend_j) * x[1]
+        shear = wp.length(force - along * axis) * x[0] + wp.max(twist_i, twist_j) * x[2]
+        return normal, shear
+
+    return Laws(stresses=stresses)
+
+
+@cache
+def break_beams(s: Laws, k: Laws, test: Test, simd: bool = True):
+    """Pass over listed EVM bonds: those whose stresses as beams exceed their strength unlink."""
+    law, real, rule, four = beam_stress(s), s.real, exceeding(s, test), criterion_numbers(s)
+    narrowed = narrow(s, k)
+
+    def break_beams(
+        # model
+        listed: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_place: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        bond_strength: wp.array(dtype=real),
+        # state read
+        orientation: wp.array(dtype=k.real),
+        end_force: wp.array(dtype=real),
+        end_torque: wp.array(dtype=real),
+        # written
+        bond_linked: wp.array(dtype=real),
+        criterion_ratio: wp.array(dtype=real),
+        break_damage: wp.array(dtype=real),
+        break_normal: wp.array(dtype=real),
+        break_shear: wp.array(dtype=real),
+        any_broken: wp.array(dtype=int),
+        numbers: four,
+        time: real,
+        exponent: real,
+        dt: real,
+        first: int,
+        first_evm: int,
+    ):
+        l = wp.tid() + first
+        b = nn(listed[l])
+        if bond_linked[b] == real(0.0):
+            return
+        c = nn(b - first_evm)
+        e0 = k.load(evm_direction, c)
+        p = narrowed(e0 + k.turn(k.load_rot(orientation, nn(bond_i[b])), e0))
+        m = narrowed(e0 + k.turn(k.load_rot(orientation, nn(bond_j[b])), e0))
+        at_i = nn(bond_place[nn(2 * b)])
+        at_j = nn(bond_place[nn(2 * b + 1)])
+        force = s.load(end_force, at_i)
+        # from the centres to the ends of the bond
+        ti = s.load_spin(end_torque, at_i) - real(evm_offset[nn(2 * c)]) * s.cross(p, force)
+        tj = s.load_spin(end_torque, at_j) - real(evm_offset[nn(2 * c + 1)]) * s.cross(m, force)
+        normal, shear = law.stresses(force, ti, tj, wp.normalize(p + m), numbers)
+        ratio = wp.max(normal, shear * numbers[3]) / bond_strength[l]
+        criterion_ratio[l] = wp.max(criterion_ratio[l], ratio)
+        if wp.static(test.damage != ""):
+            ratio = rule.grown(ratio, break_damage[l], time, exponent, dt)
+            break_damage[l] = ratio
+        if ratio > real(1.0):
+            bond_linked[b] = real(0.0)
+            break_normal[l] = normal
+            break_shear[l] = shear
+            any_broken[0] = 1
+
+    return kernel(break_beams, simd)
+
+
+@cache
+def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
+    """Pass over listed bonds: stamp those broken just now with the step and the energy released.
+
+    Bonds that soften release some in every step in which they do.
+    """
     real = s.real
 
     def log_breaks(
@@ -148,6 +371,7 @@ def log_breaks(s: Laws, has_volume: bool, simd: bool = True):
         bond_j: wp.array(dtype=int),
         # state read
         bond_linked: wp.array(dtype=real),
+        bond_keep: wp.array(dtype=real),
         linked_energy: wp.array(dtype=real),
         closing_energy: wp.array(dtype=real),
         element_release: wp.array(dtype=real),
@@ -158,11 +382,16 @@ def log_breaks(s: Laws, has_volume: bool, simd: bool = True):
     ):
         l = wp.tid()
         b = listed[l]
-        if bond_linked[b] == real(0.0) and break_step[b] == -1:
-            released = linked_energy[l] - closing_energy[l]
+        lost = wp.where(bond_linked[b] == real(0.0), real(1.0), real(0.0))
+        if wp.static(softens):
+            lost = real(1.0) - bond_keep[b]
+        if lost > real(0.0) and break_step[b] == -1:
+            released = lost * linked_energy[l]
+            if bond_linked[b] == real(0.0):
+                released -= closing_energy[l]
+                break_step[b] = step
             if wp.static(has_volume):
                 released += element_release[bond_i[b]] + element_release[bond_j[b]]
-            break_step[b] = step
-            break_energy[l] = released
+            break_energy[l] = break_energy[l] + released
 
     return kernel(log_breaks, simd)

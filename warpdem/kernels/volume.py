@@ -122,10 +122,13 @@ def volume_stresses(
 
 
 @cache
-def volume_release(s: Laws, slots: int, has_slip: bool, has_dilation: bool, simd: bool = True):
+def volume_release(
+    s: Laws, slots: int, has_slip: bool, has_dilation: bool, softens: bool, simd: bool = True
+):
     """After a break, per element: the new A_i, and the energy released to each broken face.
 
-    The element's drop V (A E^2 - A' E'^2) / 2 is shared evenly among the faces broken just now.
+    The element's drop V (A E^2 - A' E'^2) / 2 is shared evenly among the faces broken, or softened,
+    just now.
     """
     law, real = volume(s), s.real
 
@@ -139,6 +142,7 @@ def volume_release(s: Laws, slots: int, has_slip: bool, has_dilation: bool, simd
         bond_face: wp.array(dtype=real),
         # state read
         bond_linked: wp.array(dtype=real),
+        bond_keep: wp.array(dtype=real),
         break_step: wp.array(dtype=int),
         end_dilation: wp.array(dtype=real),
         plastic_dilation: wp.array(dtype=real),
@@ -159,9 +163,12 @@ def volume_release(s: Laws, slots: int, has_slip: bool, has_dilation: bool, simd
             entry = nn(incidence[at])
             b = nn(entry >> 1)
             before += end_dilation[at]
-            after += bond_linked[b] * end_dilation[at]
+            keep = bond_linked[b]
+            if wp.static(softens):
+                keep = bond_keep[b]
+            after += keep * end_dilation[at]
             faces += bond_linked[b] * bond_face[entry]
-            if bond_linked[b] == real(0.0) and break_step[b] == -1:
+            if keep < real(1.0) and break_step[b] == -1:
                 broken += real(1.0)
         v = element_volume[i]
         a = volume_stiffness[i]

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import packing
 from ..bond import EVMBond
-from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine
+from ..criteria import Criterion
 from ..errors import Array
 from ..experiments import ModeI, ModeIResult, mode_i
 from ..material import Material
@@ -404,40 +404,6 @@ def patch_test() -> Iterator[Measurement]:
         yield vanishing(f"stress - Hooke over Hooke, {where}", "Hooke's law", float(error), 1e-10)
         loose = np.abs(sim.force[~outer]).max() / np.abs(sim.bond_force).max()
         yield vanishing(f"inner net force over bond force, {where}", "equilibrium", loose, 1e-10)
-
-
-@case("core")
-def criteria_in_uniform_stress() -> Iterator[Measurement]:
-    """Inner bonds break exactly where the continuum criterion says, whatever their direction."""
-    rng = np.random.default_rng(13)
-    laws = (
-        lambda s: HuberMisesHencky(s),
-        lambda s: DruckerPrager(s, 3.0),
-        lambda s: Rankine(s),
-    )
-    for name, law in product(
-        ("hex strain", "hex stress", "fcc", "voronoi strain", "voronoi space"), laws
-    ):
-        p = small_packing(name)
-        strain = rng.normal(size=(p.dim, p.dim))
-        strain = 1e-6 * (strain + strain.T + 2.0 * np.eye(p.dim))
-        exact = reference.hooke(strain, 1.0, 0.3, p.plane)
-        kind, ratio = law(1.0).kind, law(1.0).ratio
-        level = reference.equivalent_stress(exact, kind, ratio)
-        inner = ~p.boundary(layers=2)
-        inside = inner[p.bonds].all(axis=1)
-        share = []
-        for factor in (1.0 - 1e-6, 1.0 + 1e-6):
-            scene, body = facet_body(p, 0.3, law(level * factor))
-            scene.strain(body, strain)
-            scene.hold(body, np.arange(len(p)))
-            sim = Simulation(scene, dt=1.0)
-            sim.run(steps=1)
-            share.append(float((~sim.linked[inside]).mean()))
-        where = f"{name}, {kind}"
-        source = "Shilko eqs 13-14"
-        yield Measurement(f"broken just above, {where}", 1.0, source, share[0], 1 - share[0], 0.0)
-        yield Measurement(f"broken just below, {where}", 0.0, source, share[1], share[1], 0.0)
 
 
 # -- the first crack ------------------------------------------------------------------------------

@@ -130,14 +130,20 @@ def von_mises(stress: Array) -> float:
     return float(np.sqrt(1.5 * (deviator**2).sum()))
 
 
-def equivalent_stress(stress: Array, kind: str, ratio: float) -> float:
-    """Left side of Shilko eq. 14, or the greatest principal stress (Rankine)."""
+def equivalent_stress(stress: Array, kind: str, x: tuple[float, ...] = ()) -> float:
+    """Shilko eq. 14, or the criteria of Rankine and of Mohr and Coulomb, on a tensor (3, 3).
+
+    x: a of Drucker and Prager; sin(phi) and 2 c cos(phi) over the cut-off of Mohr and Coulomb.
+    """
     mean = float(np.trace(stress)) / 3
+    third, _, first = np.linalg.eigvalsh(stress)
     if kind == "rankine":
-        return float(np.linalg.eigvalsh(stress)[-1])
+        return float(first)
+    if kind == "mohr_coulomb":
+        return float(max(first - third + (first + third) * x[0], first * x[1]))
     if kind == "huber_mises_hencky":
         return von_mises(stress)
-    return 0.5 * (ratio + 1) * von_mises(stress) + 1.5 * (ratio - 1) * mean
+    return 0.5 * (x[0] + 1) * von_mises(stress) + 1.5 * (x[0] - 1) * mean
 
 
 def ricker(time: NDArray, frequency: float) -> NDArray:
