@@ -11,10 +11,11 @@ ALLOWED = {
     "material": {"errors"},
     "section": {"errors"},
     "bond": {"errors", "material", "section"},
-    "criteria": {"errors", "section"},
+    "criteria": {"errors", "fields", "section"},
+    "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
     "packing": {"errors", "section"},
-    "scene": {"errors", "material", "bond", "criteria", "packing", "plasticity"},
+    "scene": {"errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"},
     "model": {"errors", "bond", "criteria", "kernels", "plasticity", "scene"},
     "step": {"kernels", "model"},
     "stability": {"errors", "model", "step"},
@@ -32,7 +33,7 @@ ALLOWED = {
     },
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
-        *("moduli", "statics", "experiments"),
+        *("moduli", "statics", "experiments", "toughness"),
     },
     "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
 }

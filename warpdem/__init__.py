@@ -26,6 +26,7 @@ from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
+from .toughness import Toughness
 
 if TYPE_CHECKING:
     from .write.field import draw_field
@@ -71,6 +72,7 @@ __all__ = [
     "Simulation",
     "Snapshot",
     "Table",
+    "Toughness",
     "TroubledBondError",
     "Tube",
     "UsdWriter",

@@ -9,7 +9,10 @@ from dataclasses import dataclass, replace
 from math import cos, isfinite, sin
 from typing import Any, ClassVar
 
-from .errors import InputError, finite, positive
+import numpy as np
+
+from .errors import Array, InputError, finite, positive
+from .fields import von_mises
 from .section import Section, check_section
 
 NUMBERS = 4  # that a criterion's device form takes
@@ -280,6 +283,29 @@ def with_tension(criterion: Tensile, tension: float) -> Tensile:
     return Rankine(tension)
 
 
+def equivalent_stress(criterion: Tensile, stress: Array, normal: Array) -> float:
+    """What a criterion makes of a stress tensor (3, 3) [Pa] on a face of unit normal (3,).
+
+    The host's twin of kernels/fracture.py, for stresses that are at hand: Shilko eq. 14.
+    """
+    if isinstance(criterion, MixedMode):
+        traction = stress @ normal
+        along = traction @ normal
+        across = np.linalg.norm(traction - along * normal)
+        return float(np.hypot(max(float(along), 0.0), float(across) * criterion.numbers[0]))
+    third, _, first = np.linalg.eigvalsh(stress)
+    if isinstance(criterion, Rankine):
+        return float(first)
+    if isinstance(criterion, MohrCoulomb):
+        sine, cut = criterion.numbers
+        return float(max(first - third + (first + third) * sine, first * cut))
+    intensity = float(von_mises(stress[None])[0])
+    if isinstance(criterion, HuberMisesHencky):
+        return intensity
+    a = criterion.ratio
+    return 0.5 * (a + 1.0) * intensity + 0.5 * (a - 1.0) * float(np.trace(stress))
+
+
 @dataclass(frozen=True)
 class Incubation:
     """A criterion that must be exceeded for some time: strength grows with the rate.
@@ -334,9 +360,10 @@ class DamageRate:
 class LinearSoftening:
     """A cohesive bond: beyond its strength the pair's stress falls linearly with its opening.
 
-    fracture_energy: G_c [J/m^2], that a pair takes in uniaxial straining; it loses the last of its
-    stress at an opening of 2 G_c/tension. Unloading leads back to the origin, in compression too.
-    Bonds must be short enough for it: r0 < 2 G_c (lambda + 2G)/tension^2 (theory B10).
+    fracture_energy: G_c [J/m^2] of a crack that opens along the plane of flattest faces; its bonds
+    lose the last of their stress at an opening of 2 G_c/tension. Unloading leads back to the
+    origin, in compression too. Bonds must be short enough for it: r0 times the packing's flatness
+    below 2 G_c (lambda + 2G)/tension^2 (theory B10).
     """
 
     criterion: Tensile

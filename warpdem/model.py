@@ -397,7 +397,7 @@ def bond_ends(model: Model) -> Array:
 
 
 def face_arms(model: Model) -> Array:
-    """Arms from the first element to each face, or to the middle of a bond without one, (b, dim)."""
+    """Arms from the first element to each face, or to the middle of a bond without one."""
     arms = np.zeros((model.bonds, model.features.dim))
     if model.bond_arm is not None:
         arms[:] = bond_ends(model)[:, 0]
@@ -924,11 +924,14 @@ def _group(fracture: Fracture, first: int, count: int) -> Group:
 def _softening_end(body: Body, fracture: LinearSoftening, ids: NDArray[np.int64]) -> Array:
     """Ratio of the elastic stress to the strength at which softening bonds have no stress left.
 
-    2 G_c/s_t over the opening s_t r0/(lambda + 2G) at the strength s_t.
+    2 G_c/s_t over the opening s_t h/(lambda + 2G) at the strength s_t, h being the height of the
+    layer of bonds that a crack breaks: r0 times the mean cosine of their inclination.
     """
+    p = body.packing
     strength = fracture.criterion.tension * body.strength_factor[ids]
-    modulus = body.pressure_modulus[body.packing.bonds[ids]].min(axis=1)
-    end = 2.0 * fracture.fracture_energy * modulus / (strength**2 * body.packing.bond_length[ids])
+    modulus = body.pressure_modulus[p.bonds[ids]].min(axis=1)
+    height = p.bond_length[ids] * p.flatness
+    end = 2.0 * fracture.fracture_energy * modulus / (strength**2 * height)
     bad = np.zeros(len(body.linked), dtype=bool)
     bad[ids] = end <= 1.0
     if bad.any():

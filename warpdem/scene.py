@@ -14,6 +14,7 @@ from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, 
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw
+from .toughness import Toughness, local_spacing
 
 History = Callable[[float], float]  # factor at a time [s]
 StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
@@ -154,7 +155,7 @@ class Scene:
         packing: Packing,
         material: Material | Sequence[Material],
         bond: str | EVMBond = "facet",
-        fracture: Fracture | None = None,
+        fracture: Fracture | Toughness | None = None,
         volume: bool | None = None,
         grain: ArrayLike | None = None,
         facet_bending: bool = False,
@@ -165,7 +166,8 @@ class Scene:
         material: one, or several with grain (n,): which of them each element is of, from 0. Where
         unlike elements meet, a face has a displacement of its own (theory B4).
         bond: "facet" (the pair part of the second paper; needs a packing with faces) or an EVMBond.
-        fracture: the criterion by which its bonds break; None: none ever breaks.
+        fracture: the criterion by which its bonds break, or a Toughness from which its strength
+        follows; None: none ever breaks.
         volume: whether the many-body volume term acts; by default where facet bonds need it
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
         facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
@@ -212,9 +214,18 @@ class Scene:
         if facet_bending and bond != "facet":
             raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
         laws = _yield_laws(packing, materials, bond, volume, yielding)
+        toughness = fracture if isinstance(fracture, Toughness) else None
+        if isinstance(fracture, Toughness):
+            if len(set(materials)) > 1 or bond != "facet":
+                raise InputError(
+                    "a Toughness is for facet bonds of one material; give a criterion its strength."
+                )
+            fracture = fracture.at(packing, materials[0])
         _check_fracture(packing, bond, laws, fracture)
         has_volume |= any(law is not None for law in laws)
         body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending, laws)
+        if toughness is not None:
+            body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
         self.bodies.append(body)
         return body
 

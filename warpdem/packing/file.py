@@ -14,7 +14,8 @@ from .packing import Packing
 MARK = "warpdem_packing"  # the name of the format's version
 VERSION = 1
 NUMBERS = ("thickness", "spacing")
-FIELDS = [f.name for f in fields(Packing) if f.name not in ("sides", "plane", *NUMBERS)]
+WORDS = ("plane", "arrangement")
+FIELDS = [f.name for f in fields(Packing) if f.name not in ("sides", *WORDS, *NUMBERS)]
 
 
 def save(packing: Packing, path: Path) -> None:
@@ -22,7 +23,8 @@ def save(packing: Packing, path: Path) -> None:
     values = {name: getattr(packing, name) for name in (*FIELDS, *NUMBERS)}
     arrays: dict[str, Any] = {name: a for name, a in values.items() if a is not None}
     names = list(packing.sides)
-    arrays |= {MARK: VERSION, "plane": packing.plane or "", "side_names": np.array(names, "U")}
+    arrays |= {MARK: VERSION, "side_names": np.array(names, "U")}
+    arrays |= {name: getattr(packing, name) or "" for name in WORDS}
     arrays["sides"] = np.array([packing.sides[n] for n in names], bool).reshape(-1, len(packing))
     part = path.with_name(path.name + ".part")
     try:
@@ -40,7 +42,7 @@ def restored(table: dict[str, NDArray], name: str) -> Packing:
         raise InputError(f"{name} is a packing of version {version}; this one reads {VERSION}.")
     needed = ("position", "volume", "bonds", "plane", "side_names", "sides", *NUMBERS)
     missing = [key for key in needed if key not in table]
-    extra = [key for key in table if key not in (*needed, *FIELDS)]
+    extra = [key for key in table if key not in (*needed, *FIELDS, *WORDS)]
     if missing or extra:
         raise InputError(
             f"{name} is not a whole packing: it lacks {missing or 'nothing'} and has "
@@ -49,7 +51,7 @@ def restored(table: dict[str, NDArray], name: str) -> Packing:
     names, sides = table.pop("side_names"), table.pop("sides")
     if names.ndim != 1 or names.dtype.kind != "U" or sides.shape[:1] != names.shape:
         raise InputError(f"{name}: its sides and their names do not match.")
-    plane = str(table.pop("plane"))
+    plane, arrangement = str(table.pop("plane")), str(table.pop("arrangement", ""))
     numbers: dict[str, Any] = {}
     for key in NUMBERS:
         value = table.pop(key)
@@ -58,4 +60,4 @@ def restored(table: dict[str, NDArray], name: str) -> Packing:
         numbers[key] = float(value)
     named = dict(zip(map(str, names), sides, strict=True))
     given: dict[str, Any] = table | numbers
-    return Packing(**given, plane=plane or None, sides=named)
+    return Packing(**given, plane=plane or None, sides=named, arrangement=arrangement)

@@ -44,6 +44,7 @@ def hexagonal(
         plane=plane,
         thickness=thickness,
         second=_second(neighbours, sqrt(3.0)),
+        arrangement="hexagonal",
     )
 
 
@@ -131,6 +132,7 @@ def fcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
         area=spacing**2 / (2.0 * sqrt(2.0)),
         sides=_sides(sites),
         second=_second(neighbours, sqrt(2.0)),
+        arrangement="fcc",
     )
 
 
@@ -143,6 +145,7 @@ def _lattice(
     plane: str | None = None,
     thickness: float = 1.0,
     second: float = 1.0,
+    arrangement: str = "",
 ) -> Packing:
     from scipy.spatial import cKDTree
 
@@ -160,6 +163,7 @@ def _lattice(
         thickness=thickness,
         spacing=spacing,
         sides=sides,
+        arrangement=arrangement,
     )
 
 

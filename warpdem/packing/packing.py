@@ -30,6 +30,7 @@ class Packing:
     of the elements, by default their order.
     period [m] (dim,): edges of the box that a periodic cell repeats with.
     plane: "strain" or "stress" of a plane packing of the given thickness [m], None in space.
+    arrangement: "hexagonal", "fcc", "voronoi" or "": what tables of tip stresses go by.
     sides: named boundary layers as masks of elements.
 
     Raises InputError naming the first ids that are non-finite, duplicate, out of range, not
@@ -50,6 +51,7 @@ class Packing:
     thickness: float = 1.0
     spacing: float = 0.0
     sides: Mapping[str, Mask] = field(default_factory=dict)
+    arrangement: str = ""
 
     def __post_init__(self) -> None:
         position = finite("position", self.position, (None, None))
@@ -310,6 +312,26 @@ class Packing:
         np.add.at(total, self.bonds[:, 0], -sn)
         np.add.at(total, self.bonds[:, 1], sn)
         return total
+
+    @cached_property
+    def flatness(self) -> float:
+        """Mean cosine between a plane's normal and the bonds through it, weighted with the area
+        that their faces have along the plane; of the plane of flattest faces.
+
+        It is sqrt(3)/2 for rows of a hexagonal packing, about pi/4 for random cells of the plane.
+        """
+        if self.area is None:
+            raise InputError("this packing has no faces; give area and arms of its bonds.")
+        n = self.bond_vector / self.bond_length[:, None]
+        if self.dim == 2:
+            angle = np.linspace(0.0, pi, 180, endpoint=False)
+            planes = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        else:  # directions of a cube's edges, faces and corners, and between them
+            steps = np.stack(np.meshgrid(*[[-2, -1, 0, 1, 2]] * 3), axis=-1).reshape(-1, 3)
+            planes = steps[np.any(steps, axis=1)].astype(float)
+            planes /= np.linalg.norm(planes, axis=1)[:, None]
+        cosines = (np.abs(n @ plane) for plane in planes)
+        return float(max((self.area @ c**2) / (self.area @ c) for c in cosines))
 
     def side(self, name: str, layers: int = 1) -> Mask:
         """Elements within `layers` layers of a named side, as a mask of shape (n,)."""

@@ -62,7 +62,8 @@ def voronoi(
     x = _points(body, count, rng, local, float(h.min()), even=relaxations > 0)
     grade = local if callable(spacing) else None
     x, cells = _relaxed(body, x, None, relaxations, grade, _teller(tell, count))
-    return _packing(body, x, cells, plane, thickness)
+    arrangement = "voronoi" if relaxations > 0 else ""
+    return _packing(body, x, cells, plane, thickness, arrangement)
 
 
 def laguerre(
@@ -257,7 +258,9 @@ def _drift(body: Body, cells: Cells, grade: Callable[[Array], Array] | None) -> 
     return np.clip(way, -0.2 * h[:, None], 0.2 * h[:, None])
 
 
-def _packing(body: Body, x: Array, cells: Cells, plane: str | None, thickness: float) -> Packing:
+def _packing(
+    body: Body, x: Array, cells: Cells, plane: str | None, thickness: float, arrangement: str = ""
+) -> Packing:
     """The packing of cells, once they are found sound."""
     n, dim = len(x), body.dim
     bad = cells.volume <= 0.0
@@ -308,6 +311,7 @@ def _packing(body: Body, x: Array, cells: Cells, plane: str | None, thickness: f
             thickness=thickness,
             spacing=sqrt(mean * 2.0 / sqrt(3.0)) if dim == 2 else float(np.cbrt(mean * sqrt(2.0))),
             sides={} if isinstance(body, Periodic) else cells.sides,
+            arrangement=arrangement,
         )
     _warn_of_pieces(packing)
     return packing

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import packing
 from ..bond import EVMBond
-from ..criteria import Criterion
+from ..criteria import Fracture
 from ..errors import Array
 from ..experiments import ModeI, ModeIResult, mode_i
 from ..material import Material
@@ -253,7 +253,7 @@ def _benchmark_errors(precision: str) -> dict[str, float]:
 
 
 def facet_body(
-    shape: Packing, poisson: float, fracture: Criterion | None = None
+    shape: Packing, poisson: float, fracture: Fracture | None = None
 ) -> tuple[Scene, Body]:
     """A scene of one body with Young's modulus 1 and density 1."""
     scene = Scene()

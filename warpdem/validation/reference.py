@@ -130,6 +130,18 @@ def von_mises(stress: Array) -> float:
     return float(np.sqrt(1.5 * (deviator**2).sum()))
 
 
+def pair_tensor(mean: Array, traction: Array, normal: Array) -> Array:
+    """Tensor on a face (3, 3): its own traction, and the tangential parts of a mean tensor.
+
+    Component by component in a frame of the normal (Shilko eq. 13 with all tangential components).
+    """
+    frame, _ = np.linalg.qr(np.column_stack([normal, np.eye(3)]))
+    frame[:, 0] = normal
+    t = frame.T @ mean.reshape(3, 3) @ frame
+    t[0] = t[:, 0] = frame.T @ traction
+    return frame @ t @ frame.T
+
+
 def equivalent_stress(stress: Array, kind: str, x: tuple[float, ...] = ()) -> float:
     """Shilko eq. 14, or the criteria of Rankine and of Mohr and Coulomb, on a tensor (3, 3).
 
