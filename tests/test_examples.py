@@ -49,6 +49,19 @@ def test_solids_script(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "hole.png").stat().st_size > 1000
 
 
+def test_fracture_script(tmp_path, monkeypatch, capsys):
+    page = (ROOT / "docs" / "fracture.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    # a Warp function needs its source, so the script has to be a file
+    (tmp_path / "script.py").write_text(script)
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path("script.py")
+    count, first, ratio, error = map(float, capsys.readouterr().out.split())
+    assert count > 5 and 0.0 < first < 80e-6
+    assert ratio > 1.0
+    assert abs(error) < 1e-4
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name
 )
