@@ -33,7 +33,7 @@ ALLOWED = {
     },
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
-        *("moduli", "statics", "experiments", "toughness"),
+        *("moduli", "statics", "experiments", "plasticity", "toughness"),
     },
     "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
 }

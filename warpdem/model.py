@@ -62,6 +62,11 @@ class Features:
         return self.has_dilation or (self.faces.has_slip and self.has_evm)
 
     @property
+    def keeps_mean(self) -> bool:
+        """Whether slips ask for the mean stress m_i of theory B6; in plane stress for another."""
+        return self.faces.has_slip and self.plane != "stress"
+
+    @property
     def plane(self) -> str | None:
         """Plane state: "strain", "stress", or None in space."""
         return None if self.dim == 3 else "strain" if self.plane_strain else "stress"
@@ -267,18 +272,21 @@ def state_arrays(
         state["volume_stiffness"] = volume_stiffness(model, linked)
     if model.yielding:
         assert model.flow_elements is not None
-        state["mean_stiffness"] = mean_stiffness(model, linked)
-        state["mean_stress"] = np.zeros(n)
+        if f.keeps_mean:
+            state["mean_stiffness"] = mean_stiffness(model, linked)
+            state["mean_stress"] = np.zeros(n)
+        else:
+            state["return_mean"] = np.zeros(n)
         state["plastic_strain"] = np.zeros(n)
         if f.plane == "strain":
             state["plastic_strain_zz"] = np.zeros(n)
-        state["return_factor"] = np.ones(n)
-        state["return_mean"] = np.zeros(n)
+        state["return_loss"] = np.zeros(n)
         state["spring_force"] = np.zeros((b, f.dim))
         state["bond_dissipation"] = np.zeros(b)
         if model.facet_bonds:
             state["bond_slip"] = np.zeros((2 * model.facet_bonds, f.dim))
         if model.evm_bonds:
+            state["spring_pull"] = np.zeros(model.evm_bonds)
             state["evm_slip"] = np.zeros(model.evm_bonds)
             state["evm_tilt"] = np.zeros((2 * model.evm_bonds, f.dim))
         if f.has_dilation:
@@ -823,7 +831,8 @@ def _add_yielding(model: Model, bodies: list[Body]) -> None:
             if law is not None:
                 members.setdefault(law, []).append(at + np.flatnonzero(body.grain == material))
         at += len(body.packing)
-    groups, strain, stress = [], np.zeros(0), np.zeros(0)
+    groups: list[Yielding] = []
+    strain, stress = np.zeros(0), np.zeros(0)
     first = 0
     for law, ids in members.items():
         assert not isinstance(law.hardening, int | float)
@@ -843,10 +852,18 @@ def _add_yielding(model: Model, bodies: list[Body]) -> None:
         count = sum(map(len, ids))
         groups.append(Yielding(flow, numbers, first, count))
         first += count
+    flowing = np.concatenate([i for ids in members.values() for i in ids])
+    if model.features.plane == "stress":
+        # a slip asks for a mean stress of both its elements, also of one that never flows
+        flows = np.zeros(model.elements, dtype=bool)
+        flows[flowing] = True
+        i, j = model.bond_i, model.bond_j
+        beside = np.unique(np.concatenate([i[~flows[i] & flows[j]], j[~flows[j] & flows[i]]]))
+        beside = beside[beside < model.own_elements]
+        groups.append(Yielding(Flow("linear", "", False), (np.inf, *[0.0] * 7), first, len(beside)))
+        flowing = np.concatenate([flowing, beside])
     model.yielding = tuple(g for g in groups if g.count)
-    model.flow_elements = np.concatenate([i for ids in members.values() for i in ids]).astype(
-        np.int32
-    )
+    model.flow_elements = flowing.astype(np.int32)
     if len(strain):
         model.hardening_strain, model.hardening_stress = strain, stress
 

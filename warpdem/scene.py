@@ -382,6 +382,26 @@ class Scene:
         t = finite("traction", traction, (body.packing.dim,))
         self._add_load(body, ids, area[:, None] * t, None, history)
 
+    def press(
+        self,
+        body: Body,
+        where: ArrayLike,
+        pressure: float,
+        history: History | tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        """Press on all free surface of the chosen elements with a pressure [Pa], inwards if > 0.
+
+        Each element is pressed along its own exposed area as it is in the reference state: a dead
+        load, as of `pull`, on a surface of any shape. history: as of `hold`; by default constant.
+        """
+        ids = self._selected(body, where)
+        p = float(finite("pressure", pressure, ()))
+        area = body.packing.exposed_area
+        bare = np.linalg.norm(area[ids], axis=1) > 1e-9 * np.linalg.norm(area, axis=1).max()
+        if not bare.any():
+            raise InputError("the chosen elements have no free surface to press on.")
+        self._add_load(body, ids[bare], -p * area[ids[bare]], None, history)
+
     def absorb(self, body: Body, where: ArrayLike) -> None:
         """Let waves leave through the free surface of these elements, as if the solid went on.
 

@@ -328,13 +328,14 @@ class Simulation:
 
     @property
     def energy_density(self) -> Array:
-        """Elastic energy of every element over its volume [J/m^3], (n,): its volume energy and half
-        that of its bonds."""
+        """Elastic energy of every element over its volume [J/m^3], (n,): its own and half that of
+        its bonds."""
         m, own = self.model, self.model.own_elements
         half = np.repeat(0.5 * self.bond_energy, 2)
         total = np.bincount(self.bonds.ravel(), half, minlength=own)
-        if m.features.has_volume:
-            total += self._step.download("volume_energy")[:own]
+        for name in ("volume_energy", "locked_energy"):
+            if name in self._step.arrays:
+                total += self._step.download(name)[:own]
         return total / m.element_volume[:own]
 
     @property

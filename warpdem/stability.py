@@ -25,6 +25,13 @@ def largest_frequency(step: Step, spacing: float) -> float:
         return 0.0
     small = 1e-6 if step.download("displacement").dtype == np.float64 else 1e-4
     rotation = np.zeros((n, 2 if dim == 2 else 4))
+    rotation[:, -1] = 1.0
+    reference = rotation.copy()
+
+    step.upload("displacement", np.zeros((n, dim)))
+    step.upload("orientation", reference)
+    step.evaluate_forces()
+    rest = gathered(step)  # of a periodic box that starts strained
 
     def spread(y: NDArray[np.float64]) -> NDArray[np.float64]:
         motion = np.zeros(n * (dim + spins))
@@ -47,8 +54,9 @@ def largest_frequency(step: Step, spacing: float) -> float:
         step.upload("displacement", u)
         step.upload("orientation", rotation)
         step.evaluate_forces()
-        force, torque = gathered(step)
-        back = np.concatenate([force.ravel(), torque.ravel()])
+        back = np.concatenate(
+            [(x - x0).ravel() for x, x0 in zip(gathered(step), rest, strict=True)]
+        )
         return -weighted(back)[free] / scale if scale > 0.0 else np.zeros(len(free))
 
     operator = LinearOperator((len(free), len(free)), matvec=stiffness, dtype=np.float64)

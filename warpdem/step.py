@@ -46,7 +46,8 @@ OPTIONAL = frozenset(
         *("external_force", "external_torque", "timed_force", "timed_torque", "load_factor"),
         *("grip", "grip_velocity", "grip_spin", "grip_factor"),
         *("principal_moment", "principal_axes"),
-        *("bond_slip", "evm_slip", "evm_tilt", "mean_stiffness", "mean_stress", "return_growth"),
+        *("bond_slip", "evm_slip", "evm_tilt", "return_growth", "return_mean"),
+        *("mean_stiffness", "mean_stress"),
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
         *("hardening_strain", "hardening_stress", "plastic_strain"),
         *("bond_keep", "break_damage", "softening_end"),
@@ -174,7 +175,7 @@ class Step:
     def remember_springs(self) -> None:
         """Start the books of plastic flow anew, after forces were evaluated for a given state."""
         if self.model.yielding:
-            self.arrays["return_factor"].fill_(1.0)
+            self.arrays["return_loss"].zero_()
             if self.model.features.has_dilation:
                 self.arrays["return_growth"].zero_()
             self._remember.launch()
@@ -379,12 +380,13 @@ class Step:
         if not passes:
             return []
         books = []
+        mean = {"return_mean": self.arrays["return_mean" if f.plane == "stress" else "mean_stress"]}
         if m.facet_bonds:
             law = facet_slip(s, k, f.faces, f.has_dilation, f.evaluates_anew, self._simd)
-            books.append(self._bind(law, m.facet_bonds))
+            books.append(self._bind(law, m.facet_bonds, **mean))
         if m.evm_bonds:
             law = evm_slips(s, k, f.faces, f.has_dilation, self._simd)
-            books.append(self._bind(law, m.evm_bonds, first_evm=m.facet_bonds))
+            books.append(self._bind(law, m.evm_bonds, first_evm=m.facet_bonds, **mean))
         passes += books
         if f.evaluates_anew:
             passes += self._force_passes(has_dilations=True)
@@ -450,7 +452,7 @@ class Step:
         if f.has_volume:
             elements = self.arrays["listed_elements"]
             release = volume_release(
-                s, f.slots, f.faces.has_slip, f.has_dilation, m.softens, self._simd
+                s, f.slots, f.keeps_mean, f.has_dilation, m.softens, self._simd
             )
             before.append(
                 self._bind(
@@ -528,7 +530,7 @@ class Step:
             if not has_dilations:
                 law = face_dilation(s, k, f.faces, near, self._simd)
                 passes.append(self._bind(law, bonds, listed=listed, first=0))
-            law = volume_stresses(s, f.slots, f.faces.has_slip, f.has_dilation, near, self._simd)
+            law = volume_stresses(s, f.slots, f.keeps_mean, f.has_dilation, near, self._simd)
             numbers: dict[str, Any] = {"elements": m.elements, "first": 0}
             passes.append(self._bind(law, elements, listed=listed_elements, **numbers))
         if facets:

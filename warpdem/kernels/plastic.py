@@ -60,10 +60,10 @@ def hardening(s: Laws, kind: str):
 
         @wp.func
         def power(x: law, p: real, strains: wp.array(dtype=real), stresses: wp.array(dtype=real)):
-            q = wp.max(p + x[3], least)
+            q = p + x[3]
             grown = wp.pow(q, x[2])
-            start = wp.where(x[3] > real(0.0), wp.pow(wp.max(x[3], least), x[2]), real(0.0))
-            return x[0] + x[1] * (grown - start), x[1] * x[2] * grown / q
+            slope = x[1] * x[2] * grown / wp.max(q, least)
+            return x[0] + x[1] * (grown - wp.pow(x[3], x[2])), slope
 
         return power
 
@@ -285,8 +285,9 @@ def radial_return(
 ):
     """Pass over elements of one yield law: their growth of plastic strain, and what bonds need.
 
-    return_factor M, the share of the deviator that is kept; return_mean, the mean stress that is
-    kept beside it; return_growth, the strain by which all directions of the plane or of space grow.
+    return_loss 1 - M, the share of the deviator that is lost, kept as such so that its rounding is
+    its own; return_growth, the strain by which all directions of the plane or of space grow;
+    return_mean, in plane stress, the mean (sigma_xx + sigma_yy)/2 beside which the deviator is.
     """
     real, law, back = s.real, numbers_type(s), returns(s, flow)
     third = real(2.0 / 3.0)
@@ -306,12 +307,11 @@ def radial_return(
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
-        mean_stress: wp.array(dtype=real),
         # written
         plastic_strain: wp.array(dtype=real),
         plastic_strain_zz: wp.array(dtype=real),
         plastic_dilation: wp.array(dtype=real),
-        return_factor: wp.array(dtype=real),
+        return_loss: wp.array(dtype=real),
         return_mean: wp.array(dtype=real),
         return_growth: wp.array(dtype=real),
         numbers: law,
@@ -332,11 +332,10 @@ def radial_return(
                 numbers, p2, d2, two_shear, a1, p, dt, hardening_strain, hardening_stress
             )
             mh = real(1.0) / (real(1.0) + a1 * x)
-            md = real(1.0) / (real(1.0) + two_shear * x)
             grown = x * p2 * mh / real(3.0)
             plastic_strain[i] = p + third * x * back.kept(p2, d2, two_shear, a1, x)
             plastic_dilation[i] = plastic_dilation[i] + real(2.0) * grown
-            return_factor[i] = md
+            return_loss[i] = two_shear * x / (real(1.0) + two_shear * x)
             return_mean[i] = p2
             return_growth[i] = grown
         else:
@@ -349,19 +348,18 @@ def radial_return(
             x = back.solid_growth(
                 numbers, q, m, stiffness, bulk, p, dt, hardening_strain, hardening_stress
             )
-            factor = real(1.0)
+            loss = real(0.0)
             if x > real(0.0):
-                factor = wp.max(real(1.0) - stiffness * x / q, real(0.0))
+                loss = wp.min(stiffness * x / q, real(1.0))
             plastic_strain[i] = p + x
-            return_factor[i] = factor
-            return_mean[i] = mean_stress[i]
+            return_loss[i] = loss
             grown = real(0.0)
             if wp.static(flow.has_friction):
                 grown = numbers[7] * x / real(3.0)
                 plastic_dilation[i] = plastic_dilation[i] + numbers[7] * x
                 return_growth[i] = grown
             if wp.static(plane == "strain"):
-                zz = (real(1.0) - factor) * (t[2, 2] - m) / two_shear + grown
+                zz = loss * (t[2, 2] - m) / two_shear + grown
                 plastic_strain_zz[i] = plastic_strain_zz[i] + zz
 
     return kernel(radial_return, simd)
@@ -369,31 +367,46 @@ def radial_return(
 
 @cache
 def slip(s: Laws, k: Laws) -> Laws:
-    """How a slip moves a bond's anchors, and what it does to its forces (theory B2a)."""
-    real, widened = s.real, narrow(k, s)
+    """How a slip moves a bond's anchors, what it takes, what it does to forces (theory B2a, B6)."""
+    real, widened, narrowed = s.real, narrow(k, s), narrow(s, k)
+
+    @wp.func
+    def carried(element: int, x: s.vec, orientation: wp.array(dtype=k.real)) -> k.vec:
+        """A vector in the frame that an element carries."""
+        y = widened(x)
+        return y + k.turn_back(k.load_rot(orientation, element), y)
+
+    @wp.func
+    def books(
+        b: int,
+        element: int,
+        p: s.vec,
+        after: s.vec,
+        orientation: wp.array(dtype=k.real),
+        spring_force: wp.array(dtype=real),
+    ) -> wp.float64:
+        """What slip p takes: p.(f'_n + f'_{n-1})/2, the last step's force turned as the element has
+        turned since, or a dilating body that turns would show an error of first order in dt."""
+        last = widened(s.load(spring_force, b))
+        before = narrowed(last + k.turn(k.load_rot(orientation, element), last))
+        return wp.float64(real(0.5) * wp.dot(p, after + before))
 
     @wp.func
     def store(
-        b: int,
-        i: int,
-        j: int,
-        p: s.vec,
+        end: int,
+        element: int,
+        own: s.vec,
         orientation: wp.array(dtype=k.real),
-        bond_slip: wp.array(dtype=k.real),
+        slips: wp.array(dtype=k.real),
     ):
-        """Move both anchors by half of p, in the frames of the elements: opposite ways."""
-        half = k.real(0.5) * widened(p)
-        own = k.load(bond_slip, nn(2 * b))
-        k.store(bond_slip, nn(2 * b), own + half + k.turn_back(k.load_rot(orientation, i), half))
-        own = k.load(bond_slip, nn(2 * b + 1))
-        k.store(
-            bond_slip, nn(2 * b + 1), own - half - k.turn_back(k.load_rot(orientation, j), half)
-        )
+        """Add `own` to the slip, or tilt, of one end, kept in the frame of its element."""
+        k.store(slips, end, k.load(slips, end) + carried(element, own, orientation))
 
     @wp.func
     def change_ends(
         b: int,
-        p: s.vec,
+        pi: s.vec,
+        pj: s.vec,
         lost: s.vec,
         after: s.vec,
         yi: s.vec,
@@ -402,21 +415,18 @@ def slip(s: Laws, k: Laws) -> Laws:
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
     ):
-        """Forces and torques of bond b after slip p took `lost` of its spring force.
-
-        yi, yj: arms to the anchors before. The anchors' own way turns with the new force.
-        """
+        """Forces and torques of bond b after its anchors, before at yi and yj from the centres,
+        moved by pi and pj, which took `lost` of the force."""
         at_i = nn(bond_place[nn(2 * b)])
         at_j = nn(bond_place[nn(2 * b + 1)])
-        own = real(0.5) * s.cross(p, after)
         s.store(end_force, at_i, s.load(end_force, at_i) - lost)
         s.store(end_force, at_j, s.load(end_force, at_j) + lost)
-        ti = s.load_spin(end_torque, at_i) - s.cross(yi, lost) + own
-        tj = s.load_spin(end_torque, at_j) + s.cross(yj, lost) + own
+        ti = s.load_spin(end_torque, at_i) - s.cross(yi, lost) + s.cross(pi, after)
+        tj = s.load_spin(end_torque, at_j) + s.cross(yj, lost) - s.cross(pj, after)
         s.store_spin(end_torque, at_i, ti)
         s.store_spin(end_torque, at_j, tj)
 
-    return Laws(store=store, change_ends=change_ends)
+    return Laws(carried=carried, books=books, store=store, change_ends=change_ends)
 
 
 @cache
@@ -434,6 +444,7 @@ def facet_slip(
     slip (theory B6). Forces are changed here unless all are evaluated anew.
     """
     geometry, law, moved, real = face(s, k, faces), facet(s), slip(s, k), s.real
+    narrowed = narrow(s, k)
 
     def facet_slip(
         # model
@@ -447,8 +458,8 @@ def facet_slip(
         facet_stiffness: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
-        return_factor: wp.array(dtype=real),
         return_mean: wp.array(dtype=real),
+        return_loss: wp.array(dtype=real),
         return_growth: wp.array(dtype=real),
         # written
         bond_slip: wp.array(dtype=k.real),
@@ -466,28 +477,33 @@ def facet_slip(
         stiffness = facet_stiffness[b]
         after = law.force(stiffness, delta)
         wi, wj = geometry.load_weights(b, bond_arm)
-        kept = wi * return_factor[i] + wj * return_factor[j]
+        own = wp.where(wi > real(0.0), i, j)  # not a node, which does not turn
+        loss = wi * return_loss[i] + wj * return_loss[j]
         grown = real(0.0)
         if wp.static(has_dilation):
             grown = wi * return_growth[i] + wj * return_growth[j]
-        if stiffness > real(0.0) and (kept < real(1.0) or grown != real(0.0)):
-            pi, pj = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-            n = wp.normalize(pi + pj)
+        if stiffness > real(0.0) and (loss > real(0.0) or grown != real(0.0)):
+            ni, nj = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
+            n = wp.normalize(wi * ni + wj * nj)
             mean = wi * return_mean[i] + wj * return_mean[j]
             whole = s.load(end_force, nn(bond_place[nn(2 * b)])) - (bond_area[b] * mean) * n
-            lost = (real(1.0) - kept) * whole
+            lost = loss * whole
             if wp.static(has_dilation):
                 lost += (stiffness * geometry.load_distance(b, bond_arm) * grown) * n
             p = lost / stiffness
             after = after - lost
-            before = s.load(spring_force, b)
-            bond_dissipation[b] = bond_dissipation[b] + wp.float64(
-                real(0.5) * wp.dot(p, after + before)
+            bond_dissipation[b] = bond_dissipation[b] + moved.books(
+                b, own, p, after, orientation, spring_force
             )
-            moved.store(b, i, j, p, orientation, bond_slip)
+            # each anchor by its weight, opposite ways: of a face with a node the element's alone,
+            # as a node does not turn
+            moved.store(nn(2 * b), i, wi * p, orientation, bond_slip)
+            moved.store(nn(2 * b + 1), j, -wj * p, orientation, bond_slip)
             if wp.static(not evaluates_anew):
-                moved.change_ends(b, p, lost, after, yi, yj, bond_place, end_force, end_torque)
-        s.store(spring_force, b, after)
+                moved.change_ends(
+                    b, wi * p, -wj * p, lost, after, yi, yj, bond_place, end_force, end_torque
+                )
+        s.store(spring_force, b, narrowed(moved.carried(own, after, orientation)))
 
     return kernel(facet_slip, simd)
 
@@ -497,10 +513,11 @@ def evm_slips(s: Laws, k: Laws, faces: Faces, has_dilation: bool, simd: bool = T
     """Pass over EVM bonds: as of facet bonds; what slips is their rest state (theory B6, hybrid).
 
     The length at rest grows by up, the ends' axes tilt by lp/a; the factor D/a of the transverse
-    part belongs to the moment arm of a strained bond.
+    part belongs to the moment arm of a strained bond. The books take force and slip along the bond
+    and across it each for itself, as these turn against the elements that carry the tilts.
     """
     kinematics, law, real = evm_kinematics(s, k, True), evm(s), s.real
-    geometry, widened = face(s, k, faces), narrow(k, s)
+    geometry, moved, narrowed = face(s, k, faces), slip(s, k), narrow(s, k)
 
     def evm_slips(
         # model
@@ -516,14 +533,15 @@ def evm_slips(s: Laws, k: Laws, faces: Faces, has_dilation: bool, simd: bool = T
         evm_stiffness: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
-        return_factor: wp.array(dtype=real),
         return_mean: wp.array(dtype=real),
+        return_loss: wp.array(dtype=real),
         return_growth: wp.array(dtype=real),
         end_force: wp.array(dtype=real),
         # written
         evm_slip: wp.array(dtype=real),
         evm_tilt: wp.array(dtype=k.real),
         spring_force: wp.array(dtype=real),
+        spring_pull: wp.array(dtype=real),
         bond_dissipation: wp.array(dtype=wp.float64),
         first_evm: int,
     ):
@@ -545,43 +563,36 @@ def evm_slips(s: Laws, k: Laws, faces: Faces, has_dilation: bool, simd: bool = T
             orientation,
         )
         stiffness = law.load_stiffness(evm_stiffness, c)
-        after, _ti, _tj = law.force(stiffness, real(0.0), real(0.0), x)
+        a = real(evm_length[c])
+        # forces against slips along the bond and, of the tilts of both ends, across it
+        pull = stiffness[0] * x.elongation
+        shear = (-real(0.5) * stiffness[1] / a) * (x.bend_i + x.bend_j)
         wi, wj = geometry.load_weights(b, bond_arm)
-        kept = wi * return_factor[i] + wj * return_factor[j]
+        loss = wi * return_loss[i] + wj * return_loss[j]
         grown = real(0.0)
         if wp.static(has_dilation):
             grown = wi * return_growth[i] + wj * return_growth[j]
-        if stiffness[0] > real(0.0) and (kept < real(1.0) or grown != real(0.0)):
+        if stiffness[0] > real(0.0) and (loss > real(0.0) or grown != real(0.0)):
             n = x.d
-            a = real(evm_length[c])
             mean = wi * return_mean[i] + wj * return_mean[j]
             whole = s.load(end_force, nn(bond_place[nn(2 * b)])) - (bond_area[b] * mean) * n
-            lost = (real(1.0) - kept) * whole
+            lost = loss * whole
             if wp.static(has_dilation):
                 lost += (stiffness[0] * geometry.load_distance(b, bond_arm) * grown) * n
             along = wp.dot(lost, n)
             longer = along / stiffness[0]
-            across = lost - along * n
-            if stiffness[1] > real(0.0):  # B2 = c_D a^2
-                across = (x.length * a / stiffness[1]) * across
-            else:
-                lost = along * n
-                across = s.vec()
-            after = after - lost
-            before = s.load(spring_force, b)
-            p = longer * n + (x.length / a) * across
-            bond_dissipation[b] = bond_dissipation[b] + wp.float64(
-                real(0.5) * wp.dot(p, after + before)
-            )
+            pull = pull - along
             evm_slip[c] = evm_slip[c] + longer
-            tilt = widened(across / a)
-            own = k.load(evm_tilt, nn(2 * c))
-            k.store(evm_tilt, nn(2 * c), own + tilt + k.turn_back(k.load_rot(orientation, i), tilt))
-            own = k.load(evm_tilt, nn(2 * c + 1))
-            k.store(
-                evm_tilt, nn(2 * c + 1), own + tilt + k.turn_back(k.load_rot(orientation, j), tilt)
-            )
-        s.store(spring_force, b, after)
+            taken = wp.float64(real(0.5) * longer * (pull + spring_pull[c]))
+            if stiffness[1] > real(0.0):  # B2 = c_D a^2
+                across = (x.length * a / stiffness[1]) * (lost - along * n)
+                shear = shear - (stiffness[1] / (a * a)) * across
+                taken += moved.books(b, i, across, shear, orientation, spring_force)
+                moved.store(nn(2 * c), i, across / a, orientation, evm_tilt)
+                moved.store(nn(2 * c + 1), j, across / a, orientation, evm_tilt)
+            bond_dissipation[b] = bond_dissipation[b] + taken
+        spring_pull[c] = pull
+        s.store(spring_force, b, narrowed(moved.carried(i, shear, orientation)))
 
     return kernel(evm_slips, simd)
 

@@ -82,11 +82,11 @@ def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = 
 
 @cache
 def volume_stresses(
-    s: Laws, slots: int, has_slip: bool, has_dilation: bool, is_listed: bool, simd: bool = True
+    s: Laws, slots: int, keeps_mean: bool, has_dilation: bool, is_listed: bool, simd: bool = True
 ):
     """Pass over elements: g_i = A_i (E_i - P_i), P_i a plastic change of volume (theory B6).
 
-    Where bonds flow, the mean stress m_i is kept beside it.
+    Where slips ask for it, the mean stress m_i is kept beside it.
     """
     real = s.real
 
@@ -115,7 +115,7 @@ def volume_stresses(
         if wp.static(has_dilation):
             e = e - plastic_dilation[i]
         volume_stress[i] = volume_stiffness[i] * e
-        if wp.static(has_slip):
+        if wp.static(keeps_mean):
             mean_stress[i] = mean_stiffness[i] * e
 
     return kernel(volume_stresses, simd)
@@ -123,7 +123,7 @@ def volume_stresses(
 
 @cache
 def volume_release(
-    s: Laws, slots: int, has_slip: bool, has_dilation: bool, softens: bool, simd: bool = True
+    s: Laws, slots: int, keeps_mean: bool, has_dilation: bool, softens: bool, simd: bool = True
 ):
     """After a break, per element: the new A_i, and the energy released to each broken face.
 
@@ -179,7 +179,7 @@ def volume_release(
         drop = law.energy(v, a, before / v - p) - law.energy(v, a_after, after / v - p)
         element_release[i] = drop / wp.max(broken, real(1.0))
         volume_stiffness[i] = a_after
-        if wp.static(has_slip):
+        if wp.static(keeps_mean):
             mean_stiffness[i] = law.mean_stiffness(
                 element_two_shear[i], element_coupling[i], faces / v, plane_strain
             )

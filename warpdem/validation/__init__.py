@@ -8,6 +8,7 @@ from . import (  # noqa: F401  they register
     fracture,
     incremental,
     mca,
+    plastic,
     waves,
 )
 from .case import CASES, Case, Check, Measurement, as_markdown, cases

@@ -3,8 +3,11 @@
 Written for clarity and with full rotation matrices; used to check, never to simulate.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from ..errors import Array
@@ -140,6 +143,73 @@ def pair_tensor(mean: Array, traction: Array, normal: Array) -> Array:
     t = frame.T @ mean.reshape(3, 3) @ frame
     t[0] = t[:, 0] = frame.T @ traction
     return frame @ t @ frame.T
+
+
+class FlowingPoint:
+    """A point of a solid that flows, by backward Euler on full 3 x 3 tensors: strains in, stress
+    out.
+
+    flow: stress intensity of flow at a plastic strain and its rate; q + friction m reaches it.
+    Plane stress is found by searching for the strain across the plane at which sigma_zz = 0, not by
+    a return of its own.
+    """
+
+    def __init__(
+        self,
+        young: float,
+        poisson: float,
+        plane: str | None,
+        flow: Callable[[float, float], float],
+        friction: float = 0.0,
+        dilatancy: float = 0.0,
+    ) -> None:
+        self.shear = young / (2 * (1 + poisson))
+        self.bulk = young / (3 * (1 - 2 * poisson))
+        self.plane, self.flow = plane, flow
+        self.friction, self.dilatancy = friction, dilatancy
+        self.plastic = np.zeros((3, 3))
+        self.p = 0.0
+        self._across = 0.0
+
+    def strain_to(self, strain: Array, dt: float) -> Array:
+        """Stress (3, 3) after going to a strain (dim, dim) within dt."""
+        e = np.zeros((3, 3))
+        e[: len(strain), : len(strain)] = strain
+        if self.plane == "stress":
+
+            def across(ezz: float) -> float:
+                e[2, 2] = ezz
+                return float(self._returned(e, dt)[0][2, 2])
+
+            width = 1e-3
+            while across(self._across - width) > 0.0 or across(self._across + width) < 0.0:
+                width *= 2.0
+            ends = self._across - width, self._across + width
+            self._across = e[2, 2] = brentq(across, *ends, xtol=1e-19, rtol=1e-15)
+        stress, self.plastic, self.p = self._returned(e, dt)
+        return stress
+
+    def _returned(self, e: Array, dt: float) -> tuple[Array, Array, float]:
+        one, g, k = np.eye(3), self.shear, self.bulk
+        elastic = e - self.plastic
+        m = k * np.trace(elastic)
+        deviator = 2 * g * (elastic - np.trace(elastic) / 3 * one)
+        q = float(np.sqrt(1.5 * (deviator**2).sum()))
+        a, b = self.friction, self.dilatancy
+
+        def excess(dp: float) -> float:
+            at = max(q - 3 * g * dp, 0.0) + a * (m - k * b * dp)
+            return at - self.flow(self.p + dp, dp / dt)
+
+        dp = 0.0
+        if excess(0.0) > 0.0:
+            far = (q + a * max(m, 0.0)) / (3 * g)
+            while excess(far) > 0.0:
+                far *= 2.0
+            dp = brentq(excess, 0.0, far, xtol=1e-19, rtol=1e-15)
+        left = max(1 - 3 * g * dp / q, 0.0) if q > 0.0 else 0.0
+        flowed = (1 - left) * deviator / (2 * g) + b * dp / 3 * one
+        return left * deviator + (m - k * b * dp) * one, self.plastic + flowed, self.p + dp
 
 
 def equivalent_stress(stress: Array, kind: str, x: tuple[float, ...] = ()) -> float:
