@@ -14,6 +14,7 @@ from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
+from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 
 if TYPE_CHECKING:
     from .write.field import draw_field
@@ -32,7 +33,9 @@ __all__ = [
     "HuberMisesHencky",
     "InputError",
     "JohnsonCook",
+    "KelvinVoigt",
     "Material",
+    "Maxwell",
     "ModelWarning",
     "Moduli",
     "Nikolaevsky",
@@ -44,12 +47,14 @@ __all__ = [
     "PlaneProbe",
     "PowerLaw",
     "Probe",
+    "Prony",
     "Rankine",
     "Rectangle",
     "Scene",
     "Servo",
     "Simulation",
     "Snapshot",
+    "StandardLinearSolid",
     "Table",
     "TroubledBondError",
     "Tube",

@@ -12,8 +12,10 @@ from .kernels.face import Faces
 from .kernels.plastic import Flow
 from .plasticity import Nikolaevsky, Table, YieldLaw
 from .scene import Body, History, Scene, StrainHistory
+from .viscoelasticity import ViscousLaw
 
 Ids = NDArray[np.int32]
+LEAST_SPHERICAL = 0.9  # of (1 - D) on irregular elements with a viscous law
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {
@@ -39,10 +41,13 @@ class Features:
     has_grips: bool  # some grips change their velocity with time
     absorbs: bool  # some sides let waves out
     has_moments: bool  # some elements have three principal moments of inertia
-    has_dashpots: bool
+    has_evm_dashpots: bool
     large_rotation: bool
     has_evm: bool
-    has_dilation: bool  # plastic flow changes volumes (of the plane, in plane stress)
+    # plastic flow changes volumes (of the plane, in plane stress), or creep across plane strain does
+    has_dilation: bool
+    branches: int  # most branches of a viscous law; 0: none creeps
+    has_retardation: bool  # some faces have Kelvin and Voigt's dashpots
     slots: int
     faces: Faces
 
@@ -50,6 +55,16 @@ class Features:
     def evaluates_anew(self) -> bool:
         """Whether forces are evaluated a second time in a step, after plastic flow."""
         return self.has_dilation or (self.faces.has_slip and self.has_evm)
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether dashpots of any kind act."""
+        return self.has_evm_dashpots or self.has_retardation
+
+    @property
+    def has_means(self) -> bool:
+        """Whether mean stresses are told apart from volume stresses."""
+        return self.faces.has_slip or self.has_retardation
 
     @property
     def plane(self) -> str | None:
@@ -140,6 +155,12 @@ class Model:
     flow_elements: Ids | None = None  # elements that may yield, law after law
     hardening_strain: Array | None = None  # tables of hardening, one after the other
     hardening_stress: Array | None = None
+    bond_law: Ids | None = None  # (f,) which viscous law a facet bond follows, 0: none
+    element_law: Ids | None = None  # (n,) likewise
+    branch_share: Array | None = None  # (laws, branches) of the shear modulus
+    branch_time: Array | None = None  # (laws, branches) of relaxation [s]
+    retardation: Array | None = None  # (laws,) viscosity over shear modulus [s]
+    element_spherical: Array | None = None  # 1 - D, or less on irregular elements
     # Between unlike elements a face is a node, an element without turning, with a bond to each: the
     # bond's own and one stored after all other facet bonds.
     nodes: int = 0  # stored after all other elements
@@ -231,6 +252,7 @@ def state_arrays(
         state["facet_bending"] = model.facet_bending * linked[: model.facet_bonds, None]
     if model.evm_dashpot is not None:
         state["evm_dashpot"] = model.evm_dashpot * linked[model.facet_bonds : -1, None]
+    if f.has_dashpots:
         state["damping_force"] = np.zeros((f.slots * n, f.dim))
         state["damping_torque"] = np.zeros((f.slots * n, spins))
     if model.evm_stiffness is not None:
@@ -248,9 +270,19 @@ def state_arrays(
         state["end_dilation"] = np.zeros(f.slots * n)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
+    if f.has_means:
+        state["mean_stiffness"] = mean_stiffness(model, linked)
+    if f.branches:
+        state |= _branch_arrays(model)
+    if f.has_retardation:
+        state["opening_rate"] = np.zeros((model.facet_bonds, f.dim))
+        state["end_rate"] = np.zeros(f.slots * n)
+        state["mean_rate"] = np.zeros(n)
+        if model.box_bonds is not None:
+            state["jump_rate"] = np.zeros((b, f.dim))
+            state["dashpot_work"] = np.zeros(model.facet_bonds)
     if model.yielding:
         assert model.flow_elements is not None
-        state["mean_stiffness"] = mean_stiffness(model, linked)
         state["mean_stress"] = np.zeros(n)
         state["plastic_strain"] = np.zeros(n)
         if f.plane == "strain":
@@ -281,6 +313,32 @@ def state_arrays(
             state[name] = np.zeros(listed)
         if f.has_volume:
             state["element_release"] = np.zeros(n)
+    return state
+
+
+def _branch_arrays(model: Model) -> dict[str, NDArray]:
+    """State of bonds that creep, and of what creeps across the plane."""
+    f, n, facets = model.features, model.elements, model.facet_bonds
+    state: dict[str, NDArray] = {
+        "mean_stress": np.zeros(n),
+        "viscous_mean": np.zeros(n),
+        "branch_slip": np.zeros((f.branches * facets, f.dim)),
+        "bond_slip": np.zeros((2 * model.bonds, f.dim)),
+        "last_opening": np.zeros((facets, f.dim)),
+        "last_force": np.zeros((facets, f.dim)),
+        "slip_step": np.zeros((facets, f.dim)),
+        "bond_dissipation": np.zeros(facets),
+    }
+    if f.plane is not None:
+        state["branch_zz"] = np.zeros((f.branches, n))
+        state["element_dissipation"] = np.zeros(n)
+    if f.plane == "strain":
+        for name in ("plastic_strain_zz", "plastic_dilation"):
+            state[name] = np.zeros(n)  # both the creep across the plane
+        state["last_dilation"], state["last_volume_stress"] = np.zeros(n), np.zeros(n)
+    if model.evm_bonds:  # these do not creep
+        state["evm_slip"] = np.zeros(model.evm_bonds)
+        state["evm_tilt"] = np.zeros((2 * model.evm_bonds, f.dim))
     return state
 
 
@@ -397,6 +455,7 @@ def build(scene: Scene) -> Model:
     facet_bonds = sum(c for c, e in zip(counts, is_evm, strict=True) if not e)
     each = _elements(bodies, dim)
     faces = _Faces(stored, dim)
+    viscous = _viscous_laws(bodies, each)
     node_bonds = _unlike(stored, pairs[:facet_bonds], each)
     if len(node_bonds):
         pairs = _put_nodes(node_bonds, pairs, facet_bonds, each, faces)
@@ -419,6 +478,8 @@ def build(scene: Scene) -> Model:
     has_jump = has_box or any((b.shift @ b.mean_strain).any() for b in bodies)
     timed = [(b, load) for b in bodies for load in b.timed_loads]
     laws = [law for b in bodies for law in b.yielding if law is not None]
+    grows = packing.plane == "stress" or any(isinstance(law, Nikolaevsky) for law in laws)
+    branches = max((len(law.series()[0]) for law in viscous), default=0)
     external = bool(each["force"].any()), bool(each["torque"].any()), len(timed)
     has_grips = len(scene.grip_histories) > 1
     features = Features(
@@ -433,13 +494,19 @@ def build(scene: Scene) -> Model:
         absorbs=any(b.absorbing.any() for b in bodies),
         has_bending=any(b.facet_bending for b in bodies),
         has_moments=moments is not None,
-        has_dashpots=any(b.damping > 0.0 for b in evm),
+        has_evm_dashpots=any(b.damping > 0.0 for b in evm),
         large_rotation=any(b.large_rotation for b in evm),
         has_evm=bool(evm),
-        has_dilation=bool(laws)
-        and (packing.plane == "stress" or any(isinstance(x, Nikolaevsky) for x in laws)),
+        has_dilation=(bool(laws) and grows) or (branches > 0 and packing.plane == "strain"),
+        branches=branches,
+        has_retardation=any(law.retardation > 0.0 for law in viscous),
         slots=len(incidence),
-        faces=Faces(faces.is_central, has_jump=has_jump, has_slip=bool(laws)),
+        faces=Faces(
+            faces.is_central,
+            has_jump=has_jump,
+            has_slip=bool(laws) or branches > 0,
+            has_creep=branches > 0,
+        ),
     )
     model = Model(
         features=features,
@@ -490,6 +557,8 @@ def build(scene: Scene) -> Model:
         _add_volume(model, stored, each, faces)
     if laws:
         _add_yielding(model, bodies)
+    if viscous:
+        _add_viscous(model, viscous, each["viscous"])
     if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
     return model
@@ -582,7 +651,7 @@ def _unlike(
     linked = [b.linked for b in stored if not isinstance(b.bond, EVMBond)]
     can_break = [b.breakable for b in stored if not isinstance(b.bond, EVMBond)]
     differ = np.zeros(len(pairs), dtype=bool)
-    for name in ("two_shear", "coupling"):
+    for name in ("two_shear", "coupling", "viscous"):
         x = each[name][pairs]
         differ |= np.abs(x[:, 0] - x[:, 1]) > 1e-12 * np.abs(x).max(axis=1)
     differ &= np.concatenate([*linked, np.zeros(0, dtype=bool)])
@@ -743,7 +812,7 @@ def _add_laws(model: Model, stored: list[Body], two_shear: Array, faces: _Faces)
         model.evm_length = np.concatenate(length)
         model.evm_offset = np.concatenate(offset)
         model.evm_stiffness = np.concatenate(stiffness)
-        if model.features.has_dashpots:
+        if model.features.has_evm_dashpots:
             # eta = 2 zeta sqrt(c m), m that of the two elements in series (theory A8)
             both = np.stack([model.bond_i, model.bond_j])[:, model.facet_bonds :]
             arm = model.evm_offset.T + 0.5 * model.evm_length
@@ -810,6 +879,89 @@ def _add_yielding(model: Model, bodies: list[Body]) -> None:
     )
     if len(strain):
         model.hardening_strain, model.hardening_stress = strain, stress
+
+
+def _viscous_laws(bodies: list[Body], each: dict[str, Array]) -> list[ViscousLaw]:
+    """Laws of the scene, each once; every element is given the number of its own, 0: none."""
+    laws: list[ViscousLaw] = []
+    each["viscous"] = np.zeros(len(each["position"]))
+    at = 0
+    for body in bodies:
+        here = slice(at, at := at + len(body.packing))
+        numbers = []
+        for law in body.viscous:
+            if law is not None and law not in laws:
+                laws.append(law)
+            numbers.append(0.0 if law is None else 1.0 + laws.index(law))
+        each["viscous"][here] = np.array(numbers)[body.grain]
+    return laws
+
+
+def _add_viscous(model: Model, laws: list[ViscousLaw], element_law: Array) -> None:
+    """Laws of bonds and elements, and their numbers; a bond of a node has that of its element."""
+    facet = slice(0, model.facet_bonds)
+    ends = np.stack([model.bond_i, model.bond_j])[:, facet]
+    model.element_law = element_law.astype(np.int32)
+    model.bond_law = model.element_law[ends].max(axis=0, initial=0)
+    branches = model.features.branches
+    model.branch_share = np.zeros((1 + len(laws), branches))
+    model.branch_time = np.full((1 + len(laws), branches), np.inf)
+    for row, law in enumerate(laws, 1):
+        shares, times = law.series()
+        model.branch_share[row, : len(shares)] = shares
+        model.branch_time[row, : len(times)] = times
+    model.retardation = np.array([0.0, *(law.retardation for law in laws)])
+    if model.features.plane == "strain" and branches:
+        model.flow_elements = np.flatnonzero(model.element_law).astype(np.int32)
+    model.element_spherical = _spherical(model)
+
+
+def _spherical(model: Model) -> Array:
+    """1 - D of every element: the share of its mean stress that neither the volume term nor the
+    deviator has (theory B12).
+
+    The deviator's energy is positive if R = E H E^T/k has no eigenvalue above 1, H the moduli
+    (1 - D) m/E. Like elements of a packing that is not too irregular have none; sums of rows bound
+    it. Where there are some, as on elements with many faces to unlike ones, the share is less.
+    """
+    from scipy.sparse import csr_matrix, diags
+    from scipy.sparse.linalg import eigsh
+
+    assert model.element_coupling is not None and model.facet_stiffness is not None
+    assert model.bond_weight is not None and model.bond_law is not None
+    assert model.element_two_shear is not None
+    n, creeps = model.elements, np.flatnonzero(model.bond_law)
+    i, j = model.bond_i[creeps], model.bond_j[creeps]
+    arm = bond_ends(model)[creeps]
+    linked = np.append(np.ones(model.bonds), 0.0)
+    share = 1.0 - model.element_coupling
+    each = model.bond_weight[creeps] ** 2 / model.facet_stiffness[creeps]
+    own = each[:, None] * (arm**2).sum(axis=2)
+    both = -each * (arm[:, 0] * arm[:, 1]).sum(axis=1)
+    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
+    value = np.concatenate([own[:, 0], own[:, 1], both, both])
+    matrix = csr_matrix((value, (rows, columns)), shape=(n, n))
+    scale = share * mean_stiffness(model, linked) / model.element_volume
+    if model.features.plane == "strain":  # and of a spring across the plane
+        stiff = np.where(model.element_two_shear > 0.0, model.element_two_shear, np.inf)
+        matrix += diags(model.element_volume / stiff)
+    bound = abs(matrix).sum(axis=1).A1 * scale
+    if bound.max() <= 1.0 + 1e-9:
+        return share
+    root = np.sqrt(scale)
+    if n > 3:
+        even = diags(root) @ matrix @ diags(root)
+        start = np.random.default_rng(0).normal(size=n)
+        if eigsh(even, k=1, which="LA", v0=start, tol=1e-4, return_eigenvectors=False) < 1 + 1e-6:
+            return share
+    bad = bound > 1.0 / LEAST_SPHERICAL
+    if bad.any():
+        raise InputError(
+            f"the cells of elements {first_ids(bad)} are too irregular for a viscous law: the "
+            "energy of their deviators is not positive (theory B12); relax the packing towards "
+            "centroidal cells, one sweep is enough."
+        )
+    return share / np.maximum(bound, 1.0)
 
 
 def _add_lists(

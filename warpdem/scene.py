@@ -14,6 +14,7 @@ from .errors import Array, InputError, ModelWarning, finite, first_ids, positive
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw
+from .viscoelasticity import ViscousLaw
 
 History = Callable[[float], float]  # factor at a time [s]
 StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
@@ -40,6 +41,7 @@ class Body:
     has_volume: bool
     facet_bending: bool
     yielding: tuple[YieldLaw | None, ...]  # of each material
+    viscous: tuple[ViscousLaw | None, ...]  # likewise
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -159,6 +161,7 @@ class Scene:
         grain: ArrayLike | None = None,
         facet_bending: bool = False,
         yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
+        viscous: ViscousLaw | Sequence[ViscousLaw | None] | None = None,
     ) -> Body:
         """Add a body.
 
@@ -170,6 +173,9 @@ class Scene:
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
         facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
         yielding: the law by which elements flow, or one (or None) for each material; None: elastic.
+        viscous: the law by which shear stress relaxes (theory B12), or one (or None) for each
+        material; None: elastic. Of branches (Prony, Maxwell, StandardLinearSolid) the material's
+        moduli are the instantaneous ones, of KelvinVoigt those of the spring.
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -212,8 +218,14 @@ class Scene:
         if facet_bending and bond != "facet":
             raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
         laws = _yield_laws(packing, materials, bond, volume, yielding)
-        has_volume |= any(law is not None for law in laws)
-        body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending, laws)
+        creep = _viscous_laws(packing, materials, bond, volume, viscous)
+        for other in self.bodies:
+            _no_mixture((*laws, *other.yielding), (*creep, *other.viscous))
+        _no_mixture(laws, creep)
+        has_volume |= any(law is not None for law in (*laws, *creep))
+        body = Body(
+            packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep
+        )
         self.bodies.append(body)
         return body
 
@@ -618,6 +630,46 @@ def _yield_laws(
     if packing.plane == "stress" and any(isinstance(law, Nikolaevsky) for law in laws):
         raise InputError("Nikolaevsky's flow is for plane strain and space, not plane stress.")
     return laws
+
+
+def _viscous_laws(
+    packing: Packing,
+    materials: tuple[Material, ...],
+    bond: str | EVMBond,
+    volume: bool | None,
+    viscous: ViscousLaw | Sequence[ViscousLaw | None] | None,
+) -> tuple[ViscousLaw | None, ...]:
+    if viscous is None or isinstance(viscous, ViscousLaw):
+        laws: tuple[ViscousLaw | None, ...] = (viscous,) * len(materials)
+    else:
+        laws = tuple(viscous)
+    if len(laws) != len(materials) or not all(
+        law is None or isinstance(law, ViscousLaw) for law in laws
+    ):
+        raise InputError(
+            "viscous is one law, Prony, Maxwell, StandardLinearSolid or KelvinVoigt, or one or "
+            f"None for each of the {len(materials)} materials."
+        )
+    if all(law is None for law in laws):
+        return laws
+    if isinstance(bond, EVMBond):
+        raise InputError(
+            "viscous laws are of facet bonds; EVM bonds have dashpots, EVMBond(damping=...)."
+        )
+    if volume is False:
+        raise InputError(
+            "a viscous law needs the volume term, which tells its deviator; leave volume out."
+        )
+    return laws
+
+
+def _no_mixture(laws: tuple[YieldLaw | None, ...], creep: tuple[ViscousLaw | None, ...]) -> None:
+    if any(law is not None for law in laws) and any(law is not None for law in creep):
+        raise InputError(
+            "a scene has bodies that yield or bodies that are viscous, not both: how a slip is "
+            "shared between the two is not known here. For flow that depends on the rate give the "
+            "yield law a rate, Perzyna or JohnsonCook."
+        )
 
 
 def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:

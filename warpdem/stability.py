@@ -95,10 +95,14 @@ def bound_frequency(model: Model) -> float:
 
 def bound_damping(model: Model) -> float:
     """A rate [1/s] that no damping of a motion by dashpots exceeds: as `bound_frequency`."""
-    if model.evm_dashpot is None:
+    if not model.features.has_dashpots:
         return 0.0
     blocks = _Blocks(model)
-    blocks.add_beams(slice(model.facet_bonds, model.bonds), *model.evm_dashpot.T)
+    if model.evm_dashpot is not None:
+        blocks.add_beams(slice(model.facet_bonds, model.bonds), *model.evm_dashpot.T)
+    if model.features.has_retardation:  # of the whole opening: its deviator has less
+        viscosity = _of(model.facet_stiffness) * _of(model.retardation)[model.bond_law]
+        blocks.add_springs(slice(0, model.facet_bonds), viscosity)
     return 2.0 * blocks.greatest()
 
 
