@@ -44,8 +44,7 @@ class Features:
     has_evm_dashpots: bool
     large_rotation: bool
     has_evm: bool
-    # plastic flow changes volumes (of the plane, in plane stress), or creep across plane strain does
-    has_dilation: bool
+    has_dilation: bool  # g is measured from a dilation that plastic flow or creep has left
     branches: int  # most branches of a viscous law; 0: none creeps
     has_retardation: bool  # some faces have Kelvin and Voigt's dashpots
     slots: int
@@ -60,11 +59,6 @@ class Features:
     def has_dashpots(self) -> bool:
         """Whether dashpots of any kind act."""
         return self.has_evm_dashpots or self.has_retardation
-
-    @property
-    def has_means(self) -> bool:
-        """Whether mean stresses are told apart from volume stresses."""
-        return self.faces.has_slip or self.has_retardation
 
     @property
     def plane(self) -> str | None:
@@ -161,6 +155,7 @@ class Model:
     branch_time: Array | None = None  # (laws, branches) of relaxation [s]
     retardation: Array | None = None  # (laws,) viscosity over shear modulus [s]
     element_spherical: Array | None = None  # 1 - D, or less on irregular elements
+    retarded_elements: Ids | None = None  # elements of Kelvin and Voigt's law
     # Between unlike elements a face is a node, an element without turning, with a bond to each: the
     # bond's own and one stored after all other facet bonds.
     nodes: int = 0  # stored after all other elements
@@ -270,17 +265,12 @@ def state_arrays(
         state["end_dilation"] = np.zeros(f.slots * n)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
-    if f.has_means:
+    if f.faces.has_slip:
         state["mean_stiffness"] = mean_stiffness(model, linked)
     if f.branches:
         state |= _branch_arrays(model)
     if f.has_retardation:
-        state["opening_rate"] = np.zeros((model.facet_bonds, f.dim))
-        state["end_rate"] = np.zeros(f.slots * n)
-        state["mean_rate"] = np.zeros(n)
-        if model.box_bonds is not None:
-            state["jump_rate"] = np.zeros((b, f.dim))
-            state["dashpot_work"] = np.zeros(model.facet_bonds)
+        state |= _retarded_arrays(model, linked)
     if model.yielding:
         assert model.flow_elements is not None
         state["mean_stress"] = np.zeros(n)
@@ -332,14 +322,42 @@ def _branch_arrays(model: Model) -> dict[str, NDArray]:
     if f.plane is not None:
         state["branch_zz"] = np.zeros((f.branches, n))
         state["element_dissipation"] = np.zeros(n)
-    if f.plane == "strain":
-        for name in ("plastic_strain_zz", "plastic_dilation"):
-            state[name] = np.zeros(n)  # both the creep across the plane
-        state["last_dilation"], state["last_volume_stress"] = np.zeros(n), np.zeros(n)
+    if f.plane == "strain":  # the creep across it is a dilation
+        state["plastic_strain_zz"] = np.zeros(n)
+        state |= _dilation_arrays(n)
     if model.evm_bonds:  # these do not creep
         state["evm_slip"] = np.zeros(model.evm_bonds)
         state["evm_tilt"] = np.zeros((2 * model.evm_bonds, f.dim))
     return state
+
+
+def _retarded_arrays(model: Model, linked: Array) -> dict[str, NDArray]:
+    """State of Kelvin and Voigt's dashpots."""
+    f, n, facets = model.features, model.elements, model.facet_bonds
+    rate, stiffness, time = retarded(model, linked)
+    state: dict[str, NDArray] = {
+        "opening_rate": np.zeros((facets, f.dim)),
+        "end_rate": np.zeros(f.slots * n),
+        "mean_rate": np.zeros(n),
+        "trial_velocity": np.zeros((n, f.dim)),
+        "trial_spin": np.zeros((n, 1 if f.dim == 2 else 3)),
+        "rate_viscosity": rate,
+        "retarded_stiffness": stiffness,
+        "retarded_time": time,
+        "retarded_dilation": np.zeros(n),
+        "last_element_dilation": np.zeros(n),
+        "volume_stiffness": volume_stiffness(model, linked) + stiffness,
+    }
+    if model.box_bonds is not None:
+        state["jump_rate"] = np.zeros((model.bonds, f.dim))
+        state["dashpot_work"] = np.zeros(facets)
+    return state | _dilation_arrays(n)
+
+
+def _dilation_arrays(n: int) -> dict[str, NDArray]:
+    """State of elements whose volume stress is measured from another dilation than 0."""
+    names = "plastic_dilation", "last_dilation", "last_volume_stress", "element_dissipation"
+    return {name: np.zeros(n) for name in names}
 
 
 def with_nodes(model: Model, displacement: Array, orientation: Array) -> tuple[Array, Array]:
@@ -412,12 +430,36 @@ def volume_stiffness(model: Model, linked: Array) -> Array:
 
 def mean_stiffness(model: Model, linked: Array) -> Array:
     """m_i/(E_i - P_i) = 2 G / (3 - D s*) [Pa] for given links (theory B4)."""
-    assert model.bond_face is not None and model.element_two_shear is not None
-    assert model.element_coupling is not None
+    assert model.element_coupling is not None and model.element_two_shear is not None
+    return model.element_two_shear / (3.0 - model.element_coupling * face_sum(model, linked))
+
+
+def face_sum(model: Model, linked: Array) -> Array:
+    """s* of given links (theory B4): 3 where no face is missing, in plane stress 2."""
+    assert model.bond_face is not None
     face = model.bond_face * np.repeat(linked, 2)
     s = face[model.incidence].sum(axis=0) / model.element_volume
-    d = model.element_coupling
-    return model.element_two_shear / (3.0 - d * (s + model.features.plane_strain))
+    return s + model.features.plane_strain
+
+
+def retarded(model: Model, linked: Array) -> tuple[Array, Array, Array]:
+    """What Kelvin and Voigt's law adds to elements for given links, (n,) each (theory B12).
+
+    The viscosity [Pa s] of the rate of E that the deviator leaves out; stiffness [Pa] and time [s]
+    of relaxation of a branch of E, which has some where faces are missing or in plane stress.
+    """
+    assert model.element_two_shear is not None and model.element_coupling is not None
+    assert model.element_law is not None and model.retardation is not None
+    assert model.element_spherical is not None
+    time, d = model.retardation[model.element_law], model.element_coupling
+    s = face_sum(model, linked)
+    acts = (time > 0.0) & (s > 1e-9)
+    time, s = np.where(acts, time, 0.0), np.where(acts, s, 3.0)
+    share, left = model.element_spherical / (1.0 - d), 3.0 - d * s
+    missing = np.maximum(3.0 - s, 0.0) * acts
+    stiffness = 3.0 * model.element_two_shear * missing / (s**2 * (1.0 - d) * left)
+    viscosity = time * model.element_two_shear / s * share
+    return viscosity, stiffness, s * (1.0 - d) * time / left
 
 
 def bond_ends(model: Model) -> Array:
@@ -497,7 +539,9 @@ def build(scene: Scene) -> Model:
         has_evm_dashpots=any(b.damping > 0.0 for b in evm),
         large_rotation=any(b.large_rotation for b in evm),
         has_evm=bool(evm),
-        has_dilation=(bool(laws) and grows) or (branches > 0 and packing.plane == "strain"),
+        has_dilation=(bool(laws) and grows)
+        or (branches > 0 and packing.plane == "strain")
+        or any(law.retardation > 0.0 for law in viscous),
         branches=branches,
         has_retardation=any(law.retardation > 0.0 for law in viscous),
         slots=len(incidence),
@@ -558,7 +602,7 @@ def build(scene: Scene) -> Model:
     if laws:
         _add_yielding(model, bodies)
     if viscous:
-        _add_viscous(model, viscous, each["viscous"])
+        _add_viscous(model, viscous, each)
     if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
     return model
@@ -897,11 +941,11 @@ def _viscous_laws(bodies: list[Body], each: dict[str, Array]) -> list[ViscousLaw
     return laws
 
 
-def _add_viscous(model: Model, laws: list[ViscousLaw], element_law: Array) -> None:
+def _add_viscous(model: Model, laws: list[ViscousLaw], each: dict[str, Array]) -> None:
     """Laws of bonds and elements, and their numbers; a bond of a node has that of its element."""
     facet = slice(0, model.facet_bonds)
     ends = np.stack([model.bond_i, model.bond_j])[:, facet]
-    model.element_law = element_law.astype(np.int32)
+    model.element_law = each["viscous"].astype(np.int32)
     model.bond_law = model.element_law[ends].max(axis=0, initial=0)
     branches = model.features.branches
     model.branch_share = np.zeros((1 + len(laws), branches))
@@ -911,9 +955,15 @@ def _add_viscous(model: Model, laws: list[ViscousLaw], element_law: Array) -> No
         model.branch_share[row, : len(shares)] = shares
         model.branch_time[row, : len(times)] = times
     model.retardation = np.array([0.0, *(law.retardation for law in laws)])
-    if model.features.plane == "strain" and branches:
+    model.retarded_elements = np.flatnonzero(model.retardation[model.element_law]).astype(np.int32)
+    if model.features.has_dilation:
         model.flow_elements = np.flatnonzero(model.element_law).astype(np.int32)
     model.element_spherical = _spherical(model)
+    if (each["coupling"][model.retarded_elements] < 0.0).any():
+        raise InputError(
+            "Kelvin and Voigt's law needs a Poisson's ratio of 0 or above; give the material "
+            "one, or take a StandardLinearSolid."
+        )
 
 
 def _spherical(model: Model) -> Array:
@@ -921,15 +971,17 @@ def _spherical(model: Model) -> Array:
     deviator has (theory B12).
 
     The deviator's energy is positive if R = E H E^T/k has no eigenvalue above 1, H the moduli
-    (1 - D) m/E. Like elements of a packing that is not too irregular have none; sums of rows bound
-    it. Where there are some, as on elements with many faces to unlike ones, the share is less.
+    (1 - D) m/E, or for rates 2G/s*. Like elements of a packing that is not too irregular have none;
+    sums of rows bound it. Where there are some, as on elements with many faces to unlike ones, the
+    share is less.
     """
     from scipy.sparse import csr_matrix, diags
     from scipy.sparse.linalg import eigsh
 
     assert model.element_coupling is not None and model.facet_stiffness is not None
     assert model.bond_weight is not None and model.bond_law is not None
-    assert model.element_two_shear is not None
+    assert model.element_two_shear is not None and model.element_law is not None
+    assert model.retardation is not None
     n, creeps = model.elements, np.flatnonzero(model.bond_law)
     i, j = model.bond_i[creeps], model.bond_j[creeps]
     arm = bond_ends(model)[creeps]
@@ -941,10 +993,13 @@ def _spherical(model: Model) -> Array:
     rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
     value = np.concatenate([own[:, 0], own[:, 1], both, both])
     matrix = csr_matrix((value, (rows, columns)), shape=(n, n))
-    scale = share * mean_stiffness(model, linked) / model.element_volume
+    rates = model.retardation[model.element_law] > 0.0
+    modulus = share * mean_stiffness(model, linked)
+    modulus[rates] = (model.element_two_shear / face_sum(model, linked))[rates]
+    scale = modulus / model.element_volume
     if model.features.plane == "strain":  # and of a spring across the plane
         stiff = np.where(model.element_two_shear > 0.0, model.element_two_shear, np.inf)
-        matrix += diags(model.element_volume / stiff)
+        matrix += diags(np.where(rates, 0.0, model.element_volume / stiff))
     bound = abs(matrix).sum(axis=1).A1 * scale
     if bound.max() <= 1.0 + 1e-9:
         return share

@@ -180,7 +180,8 @@ class Simulation:
             tolerance = {"float64": 1e-6, "mixed": 1e-5, "float32": 1e-3}[self.precision]
         self._step.synchronise()
         try:
-            return relax(self._step, self._spacing, tolerance, max_steps, tell)
+            with self._step.at_rest():
+                return relax(self._step, self._spacing, tolerance, max_steps, tell)
         finally:
             self._start_anew()
 
@@ -198,9 +199,10 @@ class Simulation:
         """
         self._step.synchronise()
         try:
-            return equilibrate(
-                self._step, self._spacing, tolerance, max_iterations, load_steps, tell
-            )
+            with self._step.at_rest():
+                return equilibrate(
+                    self._step, self._spacing, tolerance, max_iterations, load_steps, tell
+                )
         finally:
             self._start_anew()
 
@@ -212,7 +214,8 @@ class Simulation:
         """
         self._step.synchronise()
         try:
-            return natural_frequencies(self._step, self._spacing, count)
+            with self._step.at_rest():
+                return natural_frequencies(self._step, self._spacing, count)
         finally:  # what looking about left in the books of unlinked pairs
             self._step.forget_gaps()
             self._step.evaluate_forces()

@@ -4,7 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import Array
-from .model import Model, bond_ends, face_reach, inverse_inertia_root, volume_stiffness
+from .model import (
+    Model,
+    bond_ends,
+    face_reach,
+    inverse_inertia_root,
+    retarded,
+    volume_stiffness,
+)
 from .step import Step, gathered
 
 
@@ -201,7 +208,10 @@ def _volume_springs(model: Model) -> Array:
     if model.bond_weight is None or model.bond_face is None or model.bond_area is None:
         return np.zeros(model.bonds)
     linked = np.append(np.ones(model.bonds), 0.0)
-    a = np.maximum(volume_stiffness(model, linked), 0.0)
+    a = volume_stiffness(model, linked)
+    if model.features.has_retardation:
+        a = a + retarded(model, linked)[1]
+    a = np.maximum(a, 0.0)
     face, x = model.bond_face[:-2].reshape(-1, 2), face_reach(model)
     ends = np.stack([model.bond_i, model.bond_j], axis=1)
     ax = (a * x)[ends]

@@ -1,5 +1,7 @@
 """One step of the method: its passes in order, each a kernel over bonds or elements."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from inspect import signature
 from typing import Any
 
@@ -44,6 +46,10 @@ from .kernels.viscous import (
     mean_rates,
     opening_rates,
     remember_openings,
+    retarded_energies,
+    retarded_release,
+    retarded_volume,
+    trial_kick,
 )
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
@@ -137,6 +143,9 @@ class Step:
                 self.upload(name, value)
         if model.branch_time is not None:
             self.upload("branch_lost", -np.expm1(-dt / model.branch_time))
+        if "retarded_time" in state:
+            time = np.maximum(state["retarded_time"], 1e-300)
+            self.upload("retarded_lost", -np.expm1(-dt / time))
         self._simd = simd
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
@@ -196,8 +205,27 @@ class Step:
             self.arrays["return_factor"].fill_(1.0)
             if self.model.features.has_dilation:
                 self.arrays["return_growth"].zero_()
-        if self.model.features.faces.has_slip:
+        if self.model.yielding or self.model.element_law is not None:
             self._remember.launch()
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """While it lasts, Kelvin and Voigt's dashpots are taken to have come to rest."""
+        ids = self.model.retarded_elements
+        if ids is None or not len(ids):
+            yield
+            return
+        kept = {name: self.download(name) for name in ("volume_stiffness", "plastic_dilation")}
+        relaxed = {name: value.copy() for name, value in kept.items()}
+        relaxed["volume_stiffness"] -= self.download("retarded_stiffness")
+        relaxed["plastic_dilation"][ids] = 0.0
+        for name, value in relaxed.items():
+            self.upload(name, value)
+        try:
+            yield
+        finally:
+            for name, value in kept.items():
+                self.upload(name, value)
 
     def break_bonds(self) -> None:
         """Account for the bonds that broke at this instant, and go on without them.
@@ -271,7 +299,7 @@ class Step:
             "contact": contact,
             "damping": self._taken("damped_energy", "dashpot_work"),
             "plastic": dissipated - locked if self.model.yielding else 0.0,
-            "viscous": dissipated if self.model.features.branches else 0.0,
+            "viscous": 0.0 if self.model.yielding else dissipated,
             "integrator": self._sum("integrator_energy") + self.integrator_released,
         }
 
@@ -329,7 +357,7 @@ class Step:
         half, forces, fracture = 0.5 * self.dt, self._force_passes(), []
         self._forces = self._passes(forces)
         flow = self._flow_passes()
-        if self.model.features.branches:
+        if self.model.element_law is not None:
             forces, flow = self._creep_passes()
         self._settle: Passes | None = None
         if self.model.listed_bonds is not None:
@@ -386,42 +414,61 @@ class Step:
             return []
         has_box = m.box_bonds is not None
         rates = opening_rates(s, k, f.faces, has_box, self._simd)
-        means = mean_rates(s, f.slots, self._simd)
-        dashpots = facet_dashpots(s, k, f.faces, has_box, self._simd)
-        passes = [
-            self._bind(rates, m.facet_bonds),
-            self._bind(means, m.elements, elements=m.elements),
-            self._bind(dashpots, m.facet_bonds, dt=self.dt),
-        ]
+        means = self._bind(mean_rates(s, f.slots, self._simd), m.elements, elements=m.elements)
+        first, second = (
+            self._bind(
+                facet_dashpots(s, k, f.faces, has_box, is_second, self._simd),
+                m.facet_bonds,
+                dt=self.dt,
+            )
+            for is_second in (False, True)
+        )
+        law = trial_kick(s, k, f.slots, f.has_moments, self._simd)
+        trial = self._bind(law, m.elements, dt=self.dt, elements=m.elements)
+        tried = {
+            "velocity": self.arrays["trial_velocity"],
+            "angular_velocity": self.arrays["trial_spin"],
+        }
+        passes = [self._bind(rates, m.facet_bonds), means, first, trial]
+        passes += [self._bind(rates, m.facet_bonds, **tried), means, second]
         if m.box_bonds is not None:
             law = box_rates(s, k, self._simd)
             passes.insert(0, self._bind(law, len(m.box_bonds), dt=self.dt))
         return passes
 
     def _creep_passes(self) -> tuple[list[wp.Launch], list[wp.Launch]]:
-        """Forces at new places, to which branches have crept, and the books of their slips."""
+        """Forces at new places, to which branches have crept, and the books of that."""
         (s, k), m, f = self._space, self.model, self.model.features
         trial = face_dilation(s, k, f.faces, False, self._simd)
-        means = mean_creep(s, f.slots, f.plane, f.branches, self._simd)
-        creep = facet_creep(s, k, f.faces, f.branches, self._simd)
-        forces = [
-            self._bind(trial, m.bonds, listed=None, first=0),
-            self._bind(means, m.elements, elements=m.elements),
-            self._bind(creep, m.facet_bonds, facets=m.facet_bonds),
-            *self._force_passes(has_dilations=True),
-        ]
-        books, remembered = (
-            [self._bind(creep_books(s, self._simd), m.facet_bonds, share=share)]
-            for share in (1.0, 0.0)
-        )
+        forces = [self._bind(trial, m.bonds, listed=None, first=0)]
+        openings: list[wp.Launch] = []
+        books: list[wp.Launch] = []
+        changes: list[wp.Launch] = []
+        if f.branches:
+            means = mean_creep(s, f.slots, f.plane, f.branches, self._simd)
+            creep = facet_creep(s, k, f.faces, f.branches, self._simd)
+            forces.append(self._bind(means, m.elements, elements=m.elements))
+            forces.append(self._bind(creep, m.facet_bonds, facets=m.facet_bonds))
+            openings.append(self._bind(remember_openings(s, k, f.faces, self._simd), m.facet_bonds))
+            for passes, share in ((books, 1.0), (changes, 0.0)):
+                law = creep_books(s, self._simd)
+                passes.append(self._bind(law, m.facet_bonds, share=share))
+        if f.has_retardation:
+            forces.append(self._retarded(is_at_rest=False))
+            openings += [self._retarded(is_at_rest=True), *self._force_passes()]
         if f.has_dilation:
             across = self._bind(dilation_books(s, self._simd), len(self._flowing))
             books.append(across)
-            remembered.append(across)
-        self._creep_changes = remembered
-        openings = remember_openings(s, k, f.faces, self._simd)
-        self._remember = self._passes([self._bind(openings, m.facet_bonds), *remembered])
-        return forces, books
+            changes.append(across)
+        self._creep_changes = changes
+        self._remember = self._passes([*openings, *changes])
+        return [*forces, *self._force_passes(has_dilations=True)], books
+
+    def _retarded(self, is_at_rest: bool) -> wp.Launch:
+        m = self.model
+        assert m.retarded_elements is not None
+        law = retarded_volume(self._space[0], m.features.slots, is_at_rest, self._simd)
+        return self._bind(law, len(m.retarded_elements), elements=m.elements)
 
     def _box_passes(self) -> tuple[list[wp.Launch], list[wp.Launch]]:
         """Motion of the sides of a periodic box before elements move, and its work after."""
@@ -508,16 +555,17 @@ class Step:
         ]
         if f.has_volume:
             elements = self.arrays["listed_elements"]
-            release = volume_release(s, f.slots, f.has_means, f.has_dilation, self._simd)
-            before.append(
-                self._bind(
-                    release,
-                    elements.size,
-                    listed=elements,
-                    plane_strain=float(f.plane_strain),
-                    elements=m.elements,
-                )
-            )
+            release = volume_release(s, f.slots, f.faces.has_slip, f.has_dilation, self._simd)
+            plane_strain = float(f.plane_strain)
+            laws: list[tuple[wp.Kernel, dict[str, Any]]] = [
+                (release, {"plane_strain": plane_strain})
+            ]
+            if f.has_retardation:
+                out, back = (retarded_release(s, f.slots, x, self._simd) for x in (False, True))
+                laws = [(out, {}), *laws, (back, {})]
+            for law, numbers in laws:
+                numbers["elements"] = m.elements
+                before.append(self._bind(law, elements.size, listed=elements, **numbers))
         self._break = self._passes(before)
         self._log = self._bind(
             log_breaks(s, f.has_volume, self._simd),
@@ -528,7 +576,7 @@ class Step:
         )
         mend = [*self._unlink(), *self._force_passes(near=True)]
         # stresses after the break are what the next flow starts from
-        if f.branches:
+        if m.element_law is not None:
             mend += self._creep_changes
         elif f.has_dilation:
             mend.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
@@ -556,6 +604,9 @@ class Step:
         if f.branches and f.plane is not None:
             law = branch_zz_energies(s, f.plane, f.branches, self._simd)
             passes.append(self._bind(law, m.elements, elements=m.elements))
+        if m.retarded_elements is not None and f.has_retardation:
+            law = retarded_energies(s, self._simd)
+            passes.append(self._bind(law, len(m.retarded_elements)))
         return self._passes(passes)
 
     def _bind_relax(self) -> tuple[Passes, wp.Launch]:

@@ -65,7 +65,7 @@ class Prony(Branches):
 
 @dataclass(frozen=True)
 class Maxwell(Branches):
-    """A spring and a dashpot of viscosity G time in series, a fluid in shear: G(t) = G exp(-t/time).
+    """A spring and a dashpot of viscosity G time in series, a fluid: G(t) = G exp(-t/time).
 
     The material's moduli are the **instantaneous** ones; time [s] of relaxation.
     """

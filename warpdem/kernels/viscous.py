@@ -21,6 +21,7 @@ import warp as wp
 from .algebra import Laws, narrow, space
 from .face import Faces, face
 from .memory import kernel, nn
+from .motion import gather, inertia
 
 
 @cache
@@ -423,20 +424,14 @@ def opening_rates(s: Laws, k: Laws, faces: Faces, has_box: bool, simd: bool = Tr
 
 @cache
 def mean_rates(s: Laws, slots: int, simd: bool = True):
-    """Pass over elements: (1 - D) times the mean stress of the rate, times the time of retardation.
-
-    It is what the deviator leaves out of the opening's rate.
-    """
+    """Pass over elements: what the deviator leaves out of the rate of opening, (2G T/s*) dE/dt."""
     real = s.real
 
     def mean_rates(
         # model
         element_volume: wp.array(dtype=real),
-        element_spherical: wp.array(dtype=real),
-        element_law: wp.array(dtype=int),
-        retardation: wp.array(dtype=real),
         # state read
-        mean_stiffness: wp.array(dtype=real),
+        rate_viscosity: wp.array(dtype=real),
         end_rate: wp.array(dtype=real),
         # written
         mean_rate: wp.array(dtype=real),
@@ -446,18 +441,19 @@ def mean_rates(s: Laws, slots: int, simd: bool = True):
         e = real(0.0)
         for slot in range(wp.static(slots)):
             e += end_rate[nn(slot * elements + i)]
-        spherical = element_spherical[i] * mean_stiffness[i] * e / element_volume[i]
-        mean_rate[i] = retardation[nn(element_law[i])] * spherical
+        mean_rate[i] = rate_viscosity[i] * e / element_volume[i]
 
     return kernel(mean_rates, simd)
 
 
 @cache
-def facet_dashpots(s: Laws, k: Laws, faces: Faces, has_box: bool, simd: bool = True):
+def facet_dashpots(
+    s: Laws, k: Laws, faces: Faces, has_box: bool, is_second: bool, simd: bool = True
+):
     """Pass over facet bonds: forces of their dashpots, the derivative of a dissipation potential.
 
-    F = T (k d' - w (1 - D) (m'_i c_i - m'_j c_j)), T the time of retardation, as twice the
-    deviator's energy in terms of rates is T times the dissipation.
+    F = T k d' - w (h_i c_i - h_j c_j), T the time of retardation, h of `mean_rates`. The second
+    time, at velocities that the first forces alone would give, their mean is taken (Heun).
     """
     geometry, real = face(s, k, faces), s.real
 
@@ -492,14 +488,187 @@ def facet_dashpots(s: Laws, k: Laws, faces: Faces, has_box: bool, simd: bool = T
         eta = retardation[nn(bond_law[b])] * facet_stiffness[b]
         spherical = mean_rate[nn(bond_i[b])] * ci - mean_rate[nn(bond_j[b])] * cj
         f = eta * s.load(opening_rate, b) - bond_weight[b] * spherical
+        if wp.static(is_second):
+            f = real(0.5) * (f + s.load(damping_force, nn(bond_place[nn(2 * b)])))
         ti = s.cross(ci + half, f)
         tj = -s.cross(cj - half, f)
         s.store_ends(bond_place, damping_force, damping_torque, b, f, ti, tj)
-        if wp.static(has_box):
+        if wp.static(has_box and is_second):
             done = dt * wp.dot(f, s.load(jump_rate, b))
             dashpot_work[b] = dashpot_work[b] + wp.float64(done)
 
     return kernel(facet_dashpots, simd)
+
+
+@cache
+def trial_kick(s: Laws, k: Laws, slots: int, has_moments: bool, simd: bool = True):
+    """Pass over elements: velocity and spin after a step of the dashpots' forces alone.
+
+    Euler's rule would make dashpots too strong by half a step's share of their rate, as springs
+    kick half a step apart; Heun's does not, and is stable to the same step.
+    """
+    real, load_force, rotor = s.real, gather(s, slots), inertia(s, k, has_moments)
+
+    def trial_kick(
+        # model
+        inverse_mass: wp.array(dtype=real),
+        inverse_inertia: wp.array(dtype=real),
+        principal_moment: wp.array(dtype=real),
+        principal_axes: wp.array(dtype=k.real),
+        # state read
+        orientation: wp.array(dtype=k.real),
+        damping_force: wp.array(dtype=real),
+        damping_torque: wp.array(dtype=real),
+        velocity: wp.array(dtype=real),
+        angular_velocity: wp.array(dtype=real),
+        # written
+        trial_velocity: wp.array(dtype=real),
+        trial_spin: wp.array(dtype=real),
+        dt: real,
+        elements: int,
+    ):
+        i = nn(wp.tid())
+        f, t = load_force(i, damping_force, damping_torque, elements)
+        change = dt * wp.cw_mul(s.load(inverse_mass, i), f)
+        spin = rotor.spun(
+            i,
+            s.load_spin(angular_velocity, i),
+            dt * t,
+            inverse_inertia,
+            principal_moment,
+            principal_axes,
+            orientation,
+        )
+        s.store(trial_velocity, i, s.load(velocity, i) + change)
+        s.store_spin(trial_spin, i, spin)
+
+    return kernel(trial_kick, simd)
+
+
+@cache
+def retarded_volume(s: Laws, slots: int, is_at_rest: bool, simd: bool = True):
+    """Pass over Kelvin and Voigt's elements: the branch of E that missing faces bring.
+
+    Their mean stress follows from forces on the faces that are there (theory B4), which dashpots
+    have a part in: with G (1 + T d/dt) for G the stiffness of E is A, plus a branch. Its elastic
+    part is g = (A + A') (E - P), P = A'/(A + A') of what its dashpot has flowed. is_at_rest: it has
+    flowed all of E.
+    """
+    real = s.real
+
+    def retarded_volume(
+        # model
+        retarded_elements: wp.array(dtype=int),
+        element_volume: wp.array(dtype=real),
+        # state read
+        retarded_stiffness: wp.array(dtype=real),
+        retarded_lost: wp.array(dtype=real),
+        volume_stiffness: wp.array(dtype=real),
+        end_dilation: wp.array(dtype=real),
+        # written
+        retarded_dilation: wp.array(dtype=real),
+        last_element_dilation: wp.array(dtype=real),
+        plastic_dilation: wp.array(dtype=real),
+        element_dissipation: wp.array(dtype=wp.float64),
+        elements: int,
+    ):
+        i = retarded_elements[wp.tid()]
+        e = real(0.0)
+        for slot in range(wp.static(slots)):
+            e += end_dilation[nn(slot * elements + i)]
+        e = e / element_volume[i]
+        before = retarded_dilation[i]
+        after = e
+        if wp.static(not is_at_rest):
+            mean = real(0.5) * (e + last_element_dilation[i])
+            after = before + retarded_lost[i] * (mean - before)
+        last_element_dilation[i] = e
+        retarded_dilation[i] = after
+        a = volume_stiffness[i]
+        branch = retarded_stiffness[i]
+        share = wp.where(a == real(0.0), real(0.0), branch / a)
+        plastic_dilation[i] = share * after
+        if wp.static(not is_at_rest):
+            held = element_volume[i] * (real(1.0) - share) * branch
+            change = real(0.5) * held * (after - before) * (after + before)
+            element_dissipation[i] = element_dissipation[i] - wp.float64(change)
+
+    return kernel(retarded_volume, simd)
+
+
+@cache
+def retarded_energies(s: Laws, simd: bool = True):
+    """Per element of Kelvin and Voigt: added to its energy, what its branch of E holds beside."""
+    real = s.real
+
+    def retarded_energies(
+        # model
+        retarded_elements: wp.array(dtype=int),
+        element_volume: wp.array(dtype=real),
+        # state read
+        retarded_stiffness: wp.array(dtype=real),
+        volume_stiffness: wp.array(dtype=real),
+        retarded_dilation: wp.array(dtype=real),
+        # written
+        volume_energy: wp.array(dtype=real),
+    ):
+        i = retarded_elements[wp.tid()]
+        a = volume_stiffness[i]
+        branch = retarded_stiffness[i]
+        z = retarded_dilation[i]
+        held = branch * (real(1.0) - wp.where(a == real(0.0), real(0.0), branch / a))
+        volume_energy[i] = volume_energy[i] + real(0.5) * element_volume[i] * held * z * z
+
+    return kernel(retarded_energies, simd)
+
+
+@cache
+def retarded_release(s: Laws, slots: int, is_after: bool, simd: bool = True):
+    """Round `volume_release`, per listed element: its branch of E is left out of what is released.
+
+    The branch keeps its strain, so that it follows where E jumps.
+    """
+    real = s.real
+
+    def retarded_release(
+        # model
+        listed: wp.array(dtype=int),
+        incidence: wp.array(dtype=int),
+        element_volume: wp.array(dtype=real),
+        # state read
+        bond_linked: wp.array(dtype=real),
+        end_dilation: wp.array(dtype=real),
+        retarded_stiffness: wp.array(dtype=real),
+        # written
+        volume_stiffness: wp.array(dtype=real),
+        retarded_dilation: wp.array(dtype=real),
+        last_element_dilation: wp.array(dtype=real),
+        plastic_dilation: wp.array(dtype=real),
+        last_dilation: wp.array(dtype=real),
+        elements: int,
+    ):
+        i = listed[wp.tid()]
+        branch = retarded_stiffness[i]
+        if branch > real(0.0):
+            if wp.static(is_after):
+                jump = real(0.0)
+                for slot in range(wp.static(slots)):
+                    at = nn(slot * elements + i)
+                    b = nn(incidence[at] >> 1)
+                    jump -= (real(1.0) - bond_linked[b]) * end_dilation[at]
+                jump = jump / element_volume[i]
+                z = retarded_dilation[i] + jump
+                a = volume_stiffness[i] + branch
+                volume_stiffness[i] = a
+                retarded_dilation[i] = z
+                last_element_dilation[i] = last_element_dilation[i] + jump
+                plastic_dilation[i] = z * branch / a
+                last_dilation[i] = z * branch / a
+            else:
+                volume_stiffness[i] = volume_stiffness[i] - branch
+                plastic_dilation[i] = real(0.0)
+
+    return kernel(retarded_release, simd)
 
 
 @cache
