@@ -14,9 +14,15 @@ ALLOWED = {
     "criteria": {"errors", "fields", "section"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
+    "viscoelasticity": {"errors"},
     "packing": {"errors", "section"},
-    "scene": {"errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"},
-    "model": {"errors", "bond", "criteria", "kernels", "plasticity", "scene"},
+    "scene": {
+        *("errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"),
+        "viscoelasticity",
+    },
+    "model": {
+        *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
+    },
     "step": {"kernels", "model"},
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
@@ -33,7 +39,7 @@ ALLOWED = {
     },
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
-        *("moduli", "statics", "experiments", "plasticity", "toughness"),
+        *("moduli", "statics", "experiments", "plasticity", "toughness", "viscoelasticity"),
     },
     "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
 }

@@ -27,6 +27,7 @@ from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
 from .toughness import Toughness
+from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 
 if TYPE_CHECKING:
     from .write.field import draw_field
@@ -49,8 +50,10 @@ __all__ = [
     "Incubation",
     "InputError",
     "JohnsonCook",
+    "KelvinVoigt",
     "LinearSoftening",
     "Material",
+    "Maxwell",
     "MixedMode",
     "ModelWarning",
     "Moduli",
@@ -65,12 +68,14 @@ __all__ = [
     "PlasticStrainLimit",
     "PowerLaw",
     "Probe",
+    "Prony",
     "Rankine",
     "Rectangle",
     "Scene",
     "Servo",
     "Simulation",
     "Snapshot",
+    "StandardLinearSolid",
     "Table",
     "Toughness",
     "TroubledBondError",

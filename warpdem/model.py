@@ -22,8 +22,10 @@ from .kernels.fracture import Test
 from .kernels.plastic import Flow
 from .plasticity import Nikolaevsky, Table, YieldLaw
 from .scene import Body, History, Scene, StrainHistory
+from .viscoelasticity import ViscousLaw
 
 Ids = NDArray[np.int32]
+LEAST_SPHERICAL = 0.9  # of (1 - D) on irregular elements with a viscous law
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {
@@ -49,10 +51,12 @@ class Features:
     has_grips: bool  # some grips change their velocity with time
     absorbs: bool  # some sides let waves out
     has_moments: bool  # some elements have three principal moments of inertia
-    has_dashpots: bool
+    has_evm_dashpots: bool
     large_rotation: bool
     has_evm: bool
-    has_dilation: bool  # plastic flow changes volumes (of the plane, in plane stress)
+    has_dilation: bool  # g is measured from a dilation that plastic flow or creep has left
+    branches: int  # most branches of a viscous law; 0: none creeps
+    has_retardation: bool  # some faces have Kelvin and Voigt's dashpots
     slots: int
     faces: Faces
 
@@ -63,8 +67,14 @@ class Features:
 
     @property
     def keeps_mean(self) -> bool:
-        """Whether slips ask for the mean stress m_i of theory B6; in plane stress for another."""
-        return self.faces.has_slip and self.plane != "stress"
+        """Whether slips ask for the mean stress m_i of theory B6; of yield in plane stress for
+        another."""
+        return self.faces.has_slip and (self.plane != "stress" or self.faces.has_creep)
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether dashpots of any kind act."""
+        return self.has_evm_dashpots or self.has_retardation
 
     @property
     def plane(self) -> str | None:
@@ -157,6 +167,13 @@ class Model:
     flow_elements: Ids | None = None  # elements that may yield, law after law
     hardening_strain: Array | None = None  # tables of hardening, one after the other
     hardening_stress: Array | None = None
+    bond_law: Ids | None = None  # (f,) which viscous law a facet bond follows, 0: none
+    element_law: Ids | None = None  # (n,) likewise
+    branch_share: Array | None = None  # (laws, branches) of the shear modulus
+    branch_time: Array | None = None  # (laws, branches) of relaxation [s]
+    retardation: Array | None = None  # (laws,) viscosity over shear modulus [s]
+    element_spherical: Array | None = None  # 1 - D, or less on irregular elements
+    retarded_elements: Ids | None = None  # elements of Kelvin and Voigt's law
     # Between unlike elements a face is a node, an element without turning, with a bond to each: the
     # bond's own and one stored after all other facet bonds.
     nodes: int = 0  # stored after all other elements
@@ -253,6 +270,7 @@ def state_arrays(
         state["facet_bending"] = model.facet_bending * linked[: model.facet_bonds, None]
     if model.evm_dashpot is not None:
         state["evm_dashpot"] = model.evm_dashpot * linked[model.facet_bonds : -1, None]
+    if f.has_dashpots:
         state["damping_force"] = np.zeros((f.slots * n, f.dim))
         state["damping_torque"] = np.zeros((f.slots * n, spins))
     if model.evm_stiffness is not None:
@@ -270,12 +288,16 @@ def state_arrays(
         state["end_dilation"] = np.zeros(f.slots * n)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
+    if f.keeps_mean:
+        state["mean_stiffness"] = mean_stiffness(model, linked)
+        state["mean_stress"] = np.zeros(n)
+    if f.branches:
+        state |= _branch_arrays(model)
+    if f.has_retardation:
+        state |= _retarded_arrays(model, linked)
     if model.yielding:
         assert model.flow_elements is not None
-        if f.keeps_mean:
-            state["mean_stiffness"] = mean_stiffness(model, linked)
-            state["mean_stress"] = np.zeros(n)
-        else:
+        if not f.keeps_mean:
             state["return_mean"] = np.zeros(n)
         state["plastic_strain"] = np.zeros(n)
         if f.plane == "strain":
@@ -315,6 +337,59 @@ def state_arrays(
         if f.has_volume:
             state["element_release"] = np.zeros(n)
     return state
+
+
+def _branch_arrays(model: Model) -> dict[str, NDArray]:
+    """State of bonds that creep, and of what creeps across the plane."""
+    f, n, facets = model.features, model.elements, model.facet_bonds
+    state: dict[str, NDArray] = {
+        "viscous_mean": np.zeros(n),
+        "branch_slip": np.zeros((f.branches * facets, f.dim)),
+        "bond_slip": np.zeros((2 * model.bonds, f.dim)),
+        "last_opening": np.zeros((facets, f.dim)),
+        "last_force": np.zeros((facets, f.dim)),
+        "slip_step": np.zeros((facets, f.dim)),
+        "bond_dissipation": np.zeros(facets),
+    }
+    if f.plane is not None:
+        state["branch_zz"] = np.zeros((f.branches, n))
+        state["element_dissipation"] = np.zeros(n)
+    if f.plane == "strain":  # the creep across it is a dilation
+        state["plastic_strain_zz"] = np.zeros(n)
+        state |= _dilation_arrays(n)
+    if model.evm_bonds:  # these do not creep
+        state["evm_slip"] = np.zeros(model.evm_bonds)
+        state["evm_tilt"] = np.zeros((2 * model.evm_bonds, f.dim))
+    return state
+
+
+def _retarded_arrays(model: Model, linked: Array) -> dict[str, NDArray]:
+    """State of Kelvin and Voigt's dashpots."""
+    f, n, facets = model.features, model.elements, model.facet_bonds
+    rate, stiffness, time = retarded(model, linked)
+    state: dict[str, NDArray] = {
+        "opening_rate": np.zeros((facets, f.dim)),
+        "end_rate": np.zeros(f.slots * n),
+        "mean_rate": np.zeros(n),
+        "trial_velocity": np.zeros((n, f.dim)),
+        "trial_spin": np.zeros((n, 1 if f.dim == 2 else 3)),
+        "rate_viscosity": rate,
+        "retarded_stiffness": stiffness,
+        "retarded_time": time,
+        "retarded_dilation": np.zeros(n),
+        "last_element_dilation": np.zeros(n),
+        "volume_stiffness": volume_stiffness(model, linked) + stiffness,
+    }
+    if model.box_bonds is not None:
+        state["jump_rate"] = np.zeros((model.bonds, f.dim))
+        state["dashpot_work"] = np.zeros(facets)
+    return state | _dilation_arrays(n)
+
+
+def _dilation_arrays(n: int) -> dict[str, NDArray]:
+    """State of elements whose volume stress is measured from another dilation than 0."""
+    names = "plastic_dilation", "last_dilation", "last_volume_stress", "element_dissipation"
+    return {name: np.zeros(n) for name in names}
 
 
 def with_nodes(model: Model, displacement: Array, orientation: Array) -> tuple[Array, Array]:
@@ -387,12 +462,36 @@ def volume_stiffness(model: Model, linked: Array) -> Array:
 
 def mean_stiffness(model: Model, linked: Array) -> Array:
     """m_i/(E_i - P_i) = 2 G / (3 - D s*) [Pa] for given links (theory B4)."""
-    assert model.bond_face is not None and model.element_two_shear is not None
-    assert model.element_coupling is not None
+    assert model.element_coupling is not None and model.element_two_shear is not None
+    return model.element_two_shear / (3.0 - model.element_coupling * face_sum(model, linked))
+
+
+def face_sum(model: Model, linked: Array) -> Array:
+    """s* of given links (theory B4): 3 where no face is missing, in plane stress 2."""
+    assert model.bond_face is not None
     face = model.bond_face * np.repeat(linked, 2)
     s = face[model.incidence].sum(axis=0) / model.element_volume
-    d = model.element_coupling
-    return model.element_two_shear / (3.0 - d * (s + model.features.plane_strain))
+    return s + model.features.plane_strain
+
+
+def retarded(model: Model, linked: Array) -> tuple[Array, Array, Array]:
+    """What Kelvin and Voigt's law adds to elements for given links, (n,) each (theory B12).
+
+    The viscosity [Pa s] of the rate of E that the deviator leaves out; stiffness [Pa] and time [s]
+    of relaxation of a branch of E, which has some where faces are missing or in plane stress.
+    """
+    assert model.element_two_shear is not None and model.element_coupling is not None
+    assert model.element_law is not None and model.retardation is not None
+    assert model.element_spherical is not None
+    time, d = model.retardation[model.element_law], model.element_coupling
+    s = face_sum(model, linked)
+    acts = (time > 0.0) & (s > 1e-9)
+    time, s = np.where(acts, time, 0.0), np.where(acts, s, 3.0)
+    share, left = model.element_spherical / (1.0 - d), 3.0 - d * s
+    missing = np.maximum(3.0 - s, 0.0) * acts
+    stiffness = 3.0 * model.element_two_shear * missing / (s**2 * (1.0 - d) * left)
+    viscosity = time * model.element_two_shear / s * share
+    return viscosity, stiffness, s * (1.0 - d) * time / left
 
 
 def bond_ends(model: Model) -> Array:
@@ -444,6 +543,7 @@ def build(scene: Scene) -> Model:
     facet_bonds = sum(c for c, e in zip(counts, is_evm, strict=True) if not e)
     each = _elements(bodies, dim)
     faces = _Faces(stored, dim)
+    viscous = _viscous_laws(bodies, each)
     node_bonds = _unlike(stored, pairs[:facet_bonds], each)
     if len(node_bonds):
         pairs = _put_nodes(node_bonds, pairs, facet_bonds, each, faces)
@@ -466,6 +566,8 @@ def build(scene: Scene) -> Model:
     has_jump = has_box or any((b.shift @ b.mean_strain).any() for b in bodies)
     timed = [(b, load) for b in bodies for load in b.timed_loads]
     laws = [law for b in bodies for law in b.yielding if law is not None]
+    grows = packing.plane == "stress" or any(isinstance(law, Nikolaevsky) for law in laws)
+    branches = max((len(law.series()[0]) for law in viscous), default=0)
     external = bool(each["force"].any()), bool(each["torque"].any()), len(timed)
     has_grips = len(scene.grip_histories) > 1
     features = Features(
@@ -480,13 +582,21 @@ def build(scene: Scene) -> Model:
         absorbs=any(b.absorbing.any() for b in bodies),
         has_bending=any(b.facet_bending for b in bodies),
         has_moments=moments is not None,
-        has_dashpots=any(b.damping > 0.0 for b in evm),
+        has_evm_dashpots=any(b.damping > 0.0 for b in evm),
         large_rotation=any(b.large_rotation for b in evm),
         has_evm=bool(evm),
-        has_dilation=bool(laws)
-        and (packing.plane == "stress" or any(isinstance(x, Nikolaevsky) for x in laws)),
+        has_dilation=(bool(laws) and grows)
+        or (branches > 0 and packing.plane == "strain")
+        or any(law.retardation > 0.0 for law in viscous),
+        branches=branches,
+        has_retardation=any(law.retardation > 0.0 for law in viscous),
         slots=len(incidence),
-        faces=Faces(faces.is_central, has_jump=has_jump, has_slip=bool(laws)),
+        faces=Faces(
+            faces.is_central,
+            has_jump=has_jump,
+            has_slip=bool(laws) or branches > 0,
+            has_creep=branches > 0,
+        ),
     )
     model = Model(
         features=features,
@@ -537,6 +647,8 @@ def build(scene: Scene) -> Model:
         _add_volume(model, stored, each, faces)
     if laws:
         _add_yielding(model, bodies)
+    if viscous:
+        _add_viscous(model, viscous, each)
     if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
     return model
@@ -629,7 +741,7 @@ def _unlike(
     linked = [b.linked for b in stored if not isinstance(b.bond, EVMBond)]
     can_break = [b.breakable for b in stored if not isinstance(b.bond, EVMBond)]
     differ = np.zeros(len(pairs), dtype=bool)
-    for name in ("two_shear", "coupling"):
+    for name in ("two_shear", "coupling", "viscous"):
         x = each[name][pairs]
         differ |= np.abs(x[:, 0] - x[:, 1]) > 1e-12 * np.abs(x).max(axis=1)
     differ &= np.concatenate([*linked, np.zeros(0, dtype=bool)])
@@ -790,7 +902,7 @@ def _add_laws(model: Model, stored: list[Body], two_shear: Array, faces: _Faces)
         model.evm_length = np.concatenate(length)
         model.evm_offset = np.concatenate(offset)
         model.evm_stiffness = np.concatenate(stiffness)
-        if model.features.has_dashpots:
+        if model.features.has_evm_dashpots:
             # eta = 2 zeta sqrt(c m), m that of the two elements in series (theory A8)
             both = np.stack([model.bond_i, model.bond_j])[:, model.facet_bonds :]
             arm = model.evm_offset.T + 0.5 * model.evm_length
@@ -866,6 +978,100 @@ def _add_yielding(model: Model, bodies: list[Body]) -> None:
     model.flow_elements = flowing.astype(np.int32)
     if len(strain):
         model.hardening_strain, model.hardening_stress = strain, stress
+
+
+def _viscous_laws(bodies: list[Body], each: dict[str, Array]) -> list[ViscousLaw]:
+    """Laws of the scene, each once; every element is given the number of its own, 0: none."""
+    laws: list[ViscousLaw] = []
+    each["viscous"] = np.zeros(len(each["position"]))
+    at = 0
+    for body in bodies:
+        here = slice(at, at := at + len(body.packing))
+        numbers = []
+        for law in body.viscous:
+            if law is not None and law not in laws:
+                laws.append(law)
+            numbers.append(0.0 if law is None else 1.0 + laws.index(law))
+        each["viscous"][here] = np.array(numbers)[body.grain]
+    return laws
+
+
+def _add_viscous(model: Model, laws: list[ViscousLaw], each: dict[str, Array]) -> None:
+    """Laws of bonds and elements, and their numbers; a bond of a node has that of its element."""
+    facet = slice(0, model.facet_bonds)
+    ends = np.stack([model.bond_i, model.bond_j])[:, facet]
+    model.element_law = each["viscous"].astype(np.int32)
+    model.bond_law = model.element_law[ends].max(axis=0, initial=0)
+    branches = model.features.branches
+    model.branch_share = np.zeros((1 + len(laws), branches))
+    model.branch_time = np.full((1 + len(laws), branches), np.inf)
+    for row, law in enumerate(laws, 1):
+        shares, times = law.series()
+        model.branch_share[row, : len(shares)] = shares
+        model.branch_time[row, : len(times)] = times
+    model.retardation = np.array([0.0, *(law.retardation for law in laws)])
+    model.retarded_elements = np.flatnonzero(model.retardation[model.element_law]).astype(np.int32)
+    if model.features.has_dilation:
+        model.flow_elements = np.flatnonzero(model.element_law).astype(np.int32)
+    model.element_spherical = _spherical(model)
+    if (each["coupling"][model.retarded_elements] < 0.0).any():
+        raise InputError(
+            "Kelvin and Voigt's law needs a Poisson's ratio of 0 or above; give the material "
+            "one, or take a StandardLinearSolid."
+        )
+
+
+def _spherical(model: Model) -> Array:
+    """1 - D of every element: the share of its mean stress that neither the volume term nor the
+    deviator has (theory B12).
+
+    The deviator's energy is positive if R = E H E^T/k has no eigenvalue above 1, H the moduli
+    (1 - D) m/E, or for rates 2G/s*. Like elements of a packing that is not too irregular have none;
+    sums of rows bound it. Where there are some, as on elements with many faces to unlike ones, the
+    share is less.
+    """
+    from scipy.sparse import csr_matrix, diags
+    from scipy.sparse.linalg import eigsh
+
+    assert model.element_coupling is not None and model.facet_stiffness is not None
+    assert model.bond_weight is not None and model.bond_law is not None
+    assert model.element_two_shear is not None and model.element_law is not None
+    assert model.retardation is not None
+    n, creeps = model.elements, np.flatnonzero(model.bond_law)
+    i, j = model.bond_i[creeps], model.bond_j[creeps]
+    arm = bond_ends(model)[creeps]
+    linked = np.append(np.ones(model.bonds), 0.0)
+    share = 1.0 - model.element_coupling
+    each = model.bond_weight[creeps] ** 2 / model.facet_stiffness[creeps]
+    own = each[:, None] * (arm**2).sum(axis=2)
+    both = -each * (arm[:, 0] * arm[:, 1]).sum(axis=1)
+    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
+    value = np.concatenate([own[:, 0], own[:, 1], both, both])
+    matrix = csr_matrix((value, (rows, columns)), shape=(n, n))
+    rates = model.retardation[model.element_law] > 0.0
+    modulus = share * mean_stiffness(model, linked)
+    modulus[rates] = (model.element_two_shear / face_sum(model, linked))[rates]
+    scale = modulus / model.element_volume
+    if model.features.plane == "strain":  # and of a spring across the plane
+        stiff = np.where(model.element_two_shear > 0.0, model.element_two_shear, np.inf)
+        matrix += diags(np.where(rates, 0.0, model.element_volume / stiff))
+    bound = abs(matrix).sum(axis=1).A1 * scale
+    if bound.max() <= 1.0 + 1e-9:
+        return share
+    root = np.sqrt(scale)
+    if n > 3:
+        even = diags(root) @ matrix @ diags(root)
+        start = np.random.default_rng(0).normal(size=n)
+        if eigsh(even, k=1, which="LA", v0=start, tol=1e-4, return_eigenvectors=False) < 1 + 1e-6:
+            return share
+    bad = bound > 1.0 / LEAST_SPHERICAL
+    if bad.any():
+        raise InputError(
+            f"the cells of elements {first_ids(bad)} are too irregular for a viscous law: the "
+            "energy of their deviators is not positive (theory B12); relax the packing towards "
+            "centroidal cells, one sweep is enough."
+        )
+    return share / np.maximum(bound, 1.0)
 
 
 def _add_lists(

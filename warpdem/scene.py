@@ -15,6 +15,7 @@ from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw
 from .toughness import Toughness, local_spacing
+from .viscoelasticity import ViscousLaw
 
 History = Callable[[float], float]  # factor at a time [s]
 StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
@@ -41,6 +42,7 @@ class Body:
     has_volume: bool
     facet_bending: bool
     yielding: tuple[YieldLaw | None, ...]  # of each material
+    viscous: tuple[ViscousLaw | None, ...]  # likewise
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -160,6 +162,7 @@ class Scene:
         grain: ArrayLike | None = None,
         facet_bending: bool = False,
         yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
+        viscous: ViscousLaw | Sequence[ViscousLaw | None] | None = None,
     ) -> Body:
         """Add a body.
 
@@ -172,6 +175,9 @@ class Scene:
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
         facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
         yielding: the law by which elements flow, or one (or None) for each material; None: elastic.
+        viscous: the law by which shear stress relaxes (theory B12), or one (or None) for each
+        material; None: elastic. Of branches (Prony, Maxwell, StandardLinearSolid) the material's
+        moduli are the instantaneous ones, of KelvinVoigt those of the spring.
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -221,9 +227,15 @@ class Scene:
                     "a Toughness is for facet bonds of one material; give a criterion its strength."
                 )
             fracture = fracture.at(packing, materials[0])
-        _check_fracture(packing, bond, laws, fracture)
-        has_volume |= any(law is not None for law in laws)
-        body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending, laws)
+        creep = _viscous_laws(packing, materials, bond, volume, viscous)
+        for other in self.bodies:
+            _no_mixture((*laws, *other.yielding), (*creep, *other.viscous))
+        _no_mixture(laws, creep)
+        _check_fracture(packing, bond, laws, creep, fracture)
+        has_volume |= any(law is not None for law in (*laws, *creep))
+        body = Body(
+            packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep
+        )
         if toughness is not None:
             body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
         self.bodies.append(body)
@@ -676,6 +688,7 @@ def _check_fracture(
     packing: Packing,
     bond: str | EVMBond,
     laws: tuple[YieldLaw | None, ...],
+    creep: tuple[ViscousLaw | None, ...],
     fracture: Fracture | None,
 ) -> None:
     if fracture is None:
@@ -696,10 +709,50 @@ def _check_fracture(
         )
     if isinstance(criterion, PlasticStrainLimit) and all(law is None for law in laws):
         raise InputError("a limit of plastic strain needs a yield law: give yielding as well.")
-    if isinstance(fracture, LinearSoftening) and any(law is not None for law in laws):
+    if isinstance(fracture, LinearSoftening) and any(law is not None for law in (*laws, *creep)):
         raise InputError(
-            "bonds that yield do not soften: their slips would keep the stiffness of the whole "
-            "bond; leave one of both out."
+            "bonds that yield or creep do not soften: their slips would keep the stiffness of the "
+            "whole bond; leave one of both out."
+        )
+
+
+def _viscous_laws(
+    packing: Packing,
+    materials: tuple[Material, ...],
+    bond: str | EVMBond,
+    volume: bool | None,
+    viscous: ViscousLaw | Sequence[ViscousLaw | None] | None,
+) -> tuple[ViscousLaw | None, ...]:
+    if viscous is None or isinstance(viscous, ViscousLaw):
+        laws: tuple[ViscousLaw | None, ...] = (viscous,) * len(materials)
+    else:
+        laws = tuple(viscous)
+    if len(laws) != len(materials) or not all(
+        law is None or isinstance(law, ViscousLaw) for law in laws
+    ):
+        raise InputError(
+            "viscous is one law, Prony, Maxwell, StandardLinearSolid or KelvinVoigt, or one or "
+            f"None for each of the {len(materials)} materials."
+        )
+    if all(law is None for law in laws):
+        return laws
+    if isinstance(bond, EVMBond):
+        raise InputError(
+            "viscous laws are of facet bonds; EVM bonds have dashpots, EVMBond(damping=...)."
+        )
+    if volume is False:
+        raise InputError(
+            "a viscous law needs the volume term, which tells its deviator; leave volume out."
+        )
+    return laws
+
+
+def _no_mixture(laws: tuple[YieldLaw | None, ...], creep: tuple[ViscousLaw | None, ...]) -> None:
+    if any(law is not None for law in laws) and any(law is not None for law in creep):
+        raise InputError(
+            "a scene has bodies that yield or bodies that are viscous, not both: how a slip is "
+            "shared between the two is not known here. For flow that depends on the rate give the "
+            "yield law a rate, Perzyna or JohnsonCook."
         )
 
 

@@ -1,6 +1,7 @@
 """A scene in motion: stable time step, runs, observers, guards."""
 
 import time
+import warnings
 from typing import Protocol
 
 import numpy as np
@@ -9,18 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import fields
 from .bond import EVMBond
-from .errors import Array, InputError, NonFiniteError, finite, first_ids, one_of
+from .errors import Array, InputError, ModelWarning, NonFiniteError, finite, first_ids, one_of
 from .model import build, face_arms, state_arrays, with_moving_nodes, with_nodes
 from .scene import Body, Scene, Servo
 from .stability import bound_damping, bound_frequency, largest_frequency, link_states
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
-from .trouble import Troubles
+from .trouble import Slips, Troubles
 
 SAFETY = 0.8  # share of the stability limit taken by default
-# energies held at an instant, and what damping and plastic flow took
-HELD = ("kinetic", "pair", "volume", "contact", "integrator", "damping", "plastic")
+# energies held at an instant, and what damping, plastic flow and viscous branches took
+HELD = ("kinetic", "pair", "volume", "contact", "integrator", "damping", "plastic", "viscous")
 SERVO_EVERY = 5  # steps between looks of a servo at its traction
 SERVO_GAIN = 0.5  # share of the lacking traction that it makes good for at a look
 GUARD_EVERY = 100  # steps between checks for non-finite numbers
@@ -46,7 +47,8 @@ class Simulation:
     iteration on the scene itself; a larger one than the limit is refused unless `force_dt`.
     local_damping: Cundall's, a share of each net force, only for quasi-static scenes (theory A8).
     trouble: what happens when an EVM bond is twisted, bent or crushed beyond what its energy stands
-    for (theory A5): "warn" once a bond, or "stop" with a TroubledBondError.
+    for (theory A5), or a viscous facet bond has crept by 0.3 of its length: "warn" once, or "stop"
+    with a TroubledBondError.
     simd: vectorise the CPU's loops where this Warp allows it.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
@@ -112,9 +114,12 @@ class Simulation:
         )
         self._step.evaluate_forces()
         self._step.remember_springs()
-        self._troubles = None
+        self._troubles: list[Troubles | Slips] = []
         if self.model.evm_bonds:
-            self._troubles = Troubles(self.model, self._ids(), stops=trouble == "stop")
+            self._troubles.append(Troubles(self.model, self._ids(), stops=trouble == "stop"))
+        if self.model.features.branches:
+            self._troubles.append(Slips(self.model, stops=trouble == "stop"))
+            self._tell_of_times()
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
         self._stopped = False
@@ -175,7 +180,8 @@ class Simulation:
             tolerance = {"float64": 1e-6, "mixed": 1e-5, "float32": 1e-3}[self.precision]
         self._step.synchronise()
         try:
-            return relax(self._step, self._spacing, tolerance, max_steps, tell)
+            with self._step.at_rest():
+                return relax(self._step, self._spacing, tolerance, max_steps, tell)
         finally:
             self._start_anew()
 
@@ -193,9 +199,10 @@ class Simulation:
         """
         self._step.synchronise()
         try:
-            return equilibrate(
-                self._step, self._spacing, tolerance, max_iterations, load_steps, tell
-            )
+            with self._step.at_rest():
+                return equilibrate(
+                    self._step, self._spacing, tolerance, max_iterations, load_steps, tell
+                )
         finally:
             self._start_anew()
 
@@ -207,7 +214,8 @@ class Simulation:
         """
         self._step.synchronise()
         try:
-            return natural_frequencies(self._step, self._spacing, count)
+            with self._step.at_rest():
+                return natural_frequencies(self._step, self._spacing, count)
         finally:  # what looking about left in the books of unlinked pairs
             self._step.forget_gaps()
             self._step.evaluate_forces()
@@ -444,22 +452,21 @@ class Simulation:
         return log
 
     def troubled_bonds(self) -> NDArray[np.void]:
-        """EVM bonds found beyond what their energy stands for, a structured array with the fields
+        """Bonds found beyond what their energy stands for, a structured array with the fields
 
-        bond, i, j, step (when it was found), kind ("twisted", "bent" or "crushed") and value: the
-        angle [rad], or the bond's length over that at rest.
+        bond, i, j, step (when it was found), kind ("twisted", "bent" or "crushed" EVM bonds, or
+        "crept" facet bonds) and value: the angle [rad], the bond's length over that at rest, or the
+        slip over the length.
         """
-        if self._troubles is None:
-            return np.zeros(0, dtype=TROUBLE_TYPE)
-        return self._troubles.log
+        return np.concatenate([np.zeros(0, dtype=TROUBLE_TYPE), *(t.log for t in self._troubles)])
 
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
-        kinetic, pair (linked bonds), volume, contact (closed unlinked ones): held now; fracture:
-        released by breaking bonds; damping: taken by dashpots and local damping;
-        plastic: dissipated by plastic flow; work: done by
-        moving grips, outer loads and a periodic box; integrator: velocity
+        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked ones):
+        held now; fracture: released by breaking bonds; damping: taken by dashpots, local damping
+        and absorbing sides; plastic: dissipated by plastic flow; viscous: by branches; work: done
+        by moving grips, outer loads and a periodic box; integrator: velocity
         Verlet's own term (theory B13), its jumps at breaking bonds included; residual: what is
         missing from their balance.
         """
@@ -524,6 +531,18 @@ class Simulation:
         self._step.servo_factors[servo.grip] = float(np.clip(share, -1.0, 1.0))
         self._step.set_factors()
 
+    def _tell_of_times(self) -> None:
+        """Warn of branches that relax within a step."""
+        assert self.model.branch_time is not None
+        least = float(self.model.branch_time.min())
+        if least < self.dt:
+            warnings.warn(
+                f"the shortest time of relaxation, {least:.3g} s, is below the time step "
+                f"{self.dt:.3g} s; its branch acts as a viscosity of half a step's time instead.",
+                ModelWarning,
+                stacklevel=3,
+            )
+
     def _ids(self) -> NDArray[np.int64]:
         """The packings' own ids, or the order of elements where these clash."""
         ids = np.concatenate([b.packing.ids for b in self.scene.bodies])
@@ -568,8 +587,8 @@ class Simulation:
                     f"{self._step.count} (time {self.time:.4g} s, dt {self.dt:.4g} s, limit "
                     f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
                 )
-        if self._troubles is not None:
-            self._troubles.check(self._step)
+        for troubles in self._troubles:
+            troubles.check(self._step)
 
 
 def _device(name: str) -> str:

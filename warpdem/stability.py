@@ -4,7 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import Array
-from .model import Model, bond_ends, face_reach, inverse_inertia_root, volume_stiffness
+from .model import (
+    Model,
+    bond_ends,
+    face_reach,
+    inverse_inertia_root,
+    retarded,
+    volume_stiffness,
+)
 from .step import Step, gathered
 
 
@@ -103,10 +110,14 @@ def bound_frequency(model: Model) -> float:
 
 def bound_damping(model: Model) -> float:
     """A rate [1/s] that no damping of a motion by dashpots exceeds: as `bound_frequency`."""
-    if model.evm_dashpot is None:
+    if not model.features.has_dashpots:
         return 0.0
     blocks = _Blocks(model)
-    blocks.add_beams(slice(model.facet_bonds, model.bonds), *model.evm_dashpot.T)
+    if model.evm_dashpot is not None:
+        blocks.add_beams(slice(model.facet_bonds, model.bonds), *model.evm_dashpot.T)
+    if model.features.has_retardation:  # of the whole opening: its deviator has less
+        viscosity = _of(model.facet_stiffness) * _of(model.retardation)[model.bond_law]
+        blocks.add_springs(slice(0, model.facet_bonds), viscosity)
     return 2.0 * blocks.greatest()
 
 
@@ -205,7 +216,10 @@ def _volume_springs(model: Model) -> Array:
     if model.bond_weight is None or model.bond_face is None or model.bond_area is None:
         return np.zeros(model.bonds)
     linked = np.append(np.ones(model.bonds), 0.0)
-    a = np.maximum(volume_stiffness(model, linked), 0.0)
+    a = volume_stiffness(model, linked)
+    if model.features.has_retardation:
+        a = a + retarded(model, linked)[1]
+    a = np.maximum(a, 0.0)
     face, x = model.bond_face[:-2].reshape(-1, 2), face_reach(model)
     ends = np.stack([model.bond_i, model.bond_j], axis=1)
     ax = (a * x)[ends]

@@ -1,5 +1,7 @@
 """One step of the method: its passes in order, each a kernel over bonds or elements."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from inspect import signature
 from typing import Any
 
@@ -33,6 +35,22 @@ from .kernels.motion import NO_LOADS, element_energies, integrator_energies, mov
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
 from .kernels.relaxation import fire, fire_power
 from .kernels.stress import element_stress
+from .kernels.viscous import (
+    box_rates,
+    branch_energies,
+    branch_zz_energies,
+    creep_books,
+    facet_creep,
+    facet_dashpots,
+    mean_creep,
+    mean_rates,
+    opening_rates,
+    remember_openings,
+    retarded_energies,
+    retarded_release,
+    retarded_volume,
+    trial_kick,
+)
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
 
@@ -51,11 +69,17 @@ OPTIONAL = frozenset(
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
         *("hardening_strain", "hardening_stress", "plastic_strain"),
         *("bond_keep", "break_damage", "softening_end"),
+        *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
     }
 )
 # sums over many steps, in float64 always
 DISSIPATION = ("bond_dissipation", "element_dissipation")
-SUMS = frozenset({"element_work", "box_work", "damped_energy", *DISSIPATION})
+SUMS = frozenset(
+    {
+        *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
+        *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
+    }
+)
 # arithmetic of forces, arithmetic of places
 PRECISIONS = {
     "float64": (wp.float64, wp.float64),
@@ -119,6 +143,11 @@ class Step:
         for name, value in (model.arrays() | state).items():
             if name != "position":  # places are displacements from it
                 self.upload(name, value)
+        if model.branch_time is not None:
+            self.upload("branch_lost", -np.expm1(-dt / model.branch_time))
+        if "retarded_time" in state:
+            time = np.maximum(state["retarded_time"], 1e-300)
+            self.upload("retarded_lost", -np.expm1(-dt / time))
         self._simd = simd
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
@@ -173,12 +202,32 @@ class Step:
                 self.arrays[name].fill_(value)
 
     def remember_springs(self) -> None:
-        """Start the books of plastic flow anew, after forces were evaluated for a given state."""
+        """Start the books of flow and creep anew, after forces were evaluated for a given state."""
         if self.model.yielding:
             self.arrays["return_loss"].zero_()
             if self.model.features.has_dilation:
                 self.arrays["return_growth"].zero_()
+        if self.model.yielding or self.model.element_law is not None:
             self._remember.launch()
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """While it lasts, Kelvin and Voigt's dashpots are taken to have come to rest."""
+        ids = self.model.retarded_elements
+        if ids is None or not len(ids):
+            yield
+            return
+        kept = {name: self.download(name) for name in ("volume_stiffness", "plastic_dilation")}
+        relaxed = {name: value.copy() for name, value in kept.items()}
+        relaxed["volume_stiffness"] -= self.download("retarded_stiffness")
+        relaxed["plastic_dilation"][ids] = 0.0
+        for name, value in relaxed.items():
+            self.upload(name, value)
+        try:
+            yield
+        finally:
+            for name, value in kept.items():
+                self.upload(name, value)
 
     def break_bonds(self) -> None:
         """Account for the bonds that broke at this instant, and go on without them.
@@ -238,7 +287,7 @@ class Step:
         self._energies.launch()
         # of what slips took, plane strain keeps a part in the strain out of the plane
         locked = self._sum("locked_energy") if "locked_energy" in self.arrays else 0.0
-        dissipated = (self._sum(x) for x in DISSIPATION if x in self.arrays)
+        dissipated = self._taken(*DISSIPATION)
         volume = self._sum("volume_energy") if self.model.features.has_volume else 0.0
         contact = 0.0
         if self.model.listed_bonds is not None:
@@ -250,15 +299,16 @@ class Step:
             "pair": self._sum("linked_energy"),
             "volume": volume + locked,
             "contact": contact,
-            "damping": self._sum("damped_energy") if "damped_energy" in self.arrays else 0.0,
-            "plastic": sum(dissipated) - locked,
+            "damping": self._taken("damped_energy", "dashpot_work"),
+            "plastic": dissipated - locked if self.model.yielding else 0.0,
+            "viscous": 0.0 if self.model.yielding else dissipated,
             "integrator": self._sum("integrator_energy") + self.integrator_released,
         }
 
     @property
     def work(self) -> float:
         """Work done so far by grips, loads and a periodic box [J]."""
-        return sum(self._sum(x) for x in ("element_work", "box_work") if x in self.arrays)
+        return self._taken("element_work", "box_work", "dashpot_work")
 
     def evaluate_angles(self) -> dict[str, NDArray[np.float64]]:
         """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
@@ -307,14 +357,16 @@ class Step:
 
     def _bind_step(self) -> None:
         half, forces, fracture = 0.5 * self.dt, self._force_passes(), []
+        self._forces = self._passes(forces)
         flow = self._flow_passes()
+        if self.model.element_law is not None:
+            forces, flow = self._creep_passes()
         self._settle: Passes | None = None
         if self.model.listed_bonds is not None:
             self._settle = self._bind_settle()
         if self.model.criteria:
             fracture = self._fracture_passes()
             self._bind_break()
-        self._forces = self._passes(forces)
         damping = self._damping_passes()
         box, boxed = self._box_passes()
         drift = self._move(0.0, half, drifts=True)
@@ -352,10 +404,73 @@ class Step:
             "elements": m.elements,
         }
         passes = [self._bind(law, m.elements, **numbers)]
-        if f.has_dashpots:
+        if f.has_evm_dashpots:
             law = evm_dashpots(s, k, self._simd)
             passes.insert(0, self._bind(law, m.evm_bonds, first_evm=m.facet_bonds))
+        return [*self._dashpot_passes(), *passes]
+
+    def _dashpot_passes(self) -> list[wp.Launch]:
+        """Forces of the dashpots beside the springs of facet bonds."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        if not f.has_retardation:
+            return []
+        has_box = m.box_bonds is not None
+        rates = opening_rates(s, k, f.faces, has_box, self._simd)
+        means = self._bind(mean_rates(s, f.slots, self._simd), m.elements, elements=m.elements)
+        first, second = (
+            self._bind(
+                facet_dashpots(s, k, f.faces, has_box, is_second, self._simd),
+                m.facet_bonds,
+                dt=self.dt,
+            )
+            for is_second in (False, True)
+        )
+        law = trial_kick(s, k, f.slots, f.has_moments, self._simd)
+        trial = self._bind(law, m.elements, dt=self.dt, elements=m.elements)
+        tried = {
+            "velocity": self.arrays["trial_velocity"],
+            "angular_velocity": self.arrays["trial_spin"],
+        }
+        passes = [self._bind(rates, m.facet_bonds), means, first, trial]
+        passes += [self._bind(rates, m.facet_bonds, **tried), means, second]
+        if m.box_bonds is not None:
+            law = box_rates(s, k, self._simd)
+            passes.insert(0, self._bind(law, len(m.box_bonds), dt=self.dt))
         return passes
+
+    def _creep_passes(self) -> tuple[list[wp.Launch], list[wp.Launch]]:
+        """Forces at new places, to which branches have crept, and the books of that."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        trial = face_dilation(s, k, f.faces, False, self._simd)
+        forces = [self._bind(trial, m.bonds, listed=None, first=0)]
+        openings: list[wp.Launch] = []
+        books: list[wp.Launch] = []
+        changes: list[wp.Launch] = []
+        if f.branches:
+            means = mean_creep(s, f.slots, f.plane, f.branches, self._simd)
+            creep = facet_creep(s, k, f.faces, f.branches, self._simd)
+            forces.append(self._bind(means, m.elements, elements=m.elements))
+            forces.append(self._bind(creep, m.facet_bonds, facets=m.facet_bonds))
+            openings.append(self._bind(remember_openings(s, k, f.faces, self._simd), m.facet_bonds))
+            for passes, share in ((books, 1.0), (changes, 0.0)):
+                law = creep_books(s, self._simd)
+                passes.append(self._bind(law, m.facet_bonds, share=share))
+        if f.has_retardation:
+            forces.append(self._retarded(is_at_rest=False))
+            openings += [self._retarded(is_at_rest=True), *self._force_passes()]
+        if f.has_dilation:
+            across = self._bind(dilation_books(s, self._simd), len(self._flowing))
+            books.append(across)
+            changes.append(across)
+        self._creep_changes = changes
+        self._remember = self._passes([*openings, *changes])
+        return [*forces, *self._force_passes(has_dilations=True)], books
+
+    def _retarded(self, is_at_rest: bool) -> wp.Launch:
+        m = self.model
+        assert m.retarded_elements is not None
+        law = retarded_volume(self._space[0], m.features.slots, is_at_rest, self._simd)
+        return self._bind(law, len(m.retarded_elements), elements=m.elements)
 
     def _box_passes(self) -> tuple[list[wp.Launch], list[wp.Launch]]:
         """Motion of the sides of a periodic box before elements move, and its work after."""
@@ -454,15 +569,16 @@ class Step:
             release = volume_release(
                 s, f.slots, f.keeps_mean, f.has_dilation, m.softens, self._simd
             )
-            before.append(
-                self._bind(
-                    release,
-                    elements.size,
-                    listed=elements,
-                    plane_strain=float(f.plane_strain),
-                    elements=m.elements,
-                )
-            )
+            plane_strain = float(f.plane_strain)
+            laws: list[tuple[wp.Kernel, dict[str, Any]]] = [
+                (release, {"plane_strain": plane_strain})
+            ]
+            if f.has_retardation:
+                out, back = (retarded_release(s, f.slots, x, self._simd) for x in (False, True))
+                laws = [(out, {}), *laws, (back, {})]
+            for law, numbers in laws:
+                numbers["elements"] = m.elements
+                before.append(self._bind(law, elements.size, listed=elements, **numbers))
         self._break = self._passes(before)
         self._log = self._bind(
             log_breaks(s, f.has_volume, m.softens, self._simd),
@@ -472,7 +588,10 @@ class Step:
             step=0,
         )
         mend = [*self._unlink(), *self._force_passes(near=True)]
-        if f.has_dilation:  # stresses after the break are what the next flow starts from
+        # stresses after the break are what the next flow starts from
+        if m.element_law is not None:
+            mend += self._creep_changes
+        elif f.has_dilation:
             mend.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
         self._mend = self._passes([*mend, self._move(-half, 0.0, elements="near_elements")])
         self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
@@ -485,18 +604,23 @@ class Step:
         self.upload("linked_energy", np.zeros(m.bonds))
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
-        has_zz = f.faces.has_slip and f.plane_strain
+        has_zz = bool(m.yielding) and f.plane_strain
         if has_zz:
             self.upload("locked_energy", np.zeros(m.elements))
         law = element_energies(s, k, f.has_moments, f.has_volume, has_zz, self._simd)
-        return self._passes(
-            [
-                self._bind(law, m.elements),
-                self._integrator_energies(),
-                *self._pair_energies(),
-                *self._closing_energies(),
-            ]
-        )
+        passes = [
+            self._bind(law, m.elements),
+            self._integrator_energies(),
+            *self._pair_energies(),
+            *self._closing_energies(),
+        ]
+        if f.branches and f.plane is not None:
+            law = branch_zz_energies(s, f.plane, f.branches, self._simd)
+            passes.append(self._bind(law, m.elements, elements=m.elements))
+        if m.retarded_elements is not None and f.has_retardation:
+            law = retarded_energies(s, self._simd)
+            passes.append(self._bind(law, len(m.retarded_elements)))
+        return self._passes(passes)
 
     def _bind_relax(self) -> tuple[Passes, wp.Launch]:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -566,7 +690,7 @@ class Step:
         (s, _), f, softens = self._space, self.model.features, self.model.softens
         return self._over_listed(
             facet_unlink(s, f.has_volume, f.has_bending, softens, self._simd),
-            evm_unlink(s, f.has_volume, f.has_dashpots, softens, self._simd),
+            evm_unlink(s, f.has_volume, f.has_evm_dashpots, softens, self._simd),
         )
 
     def _closing_energies(self) -> list[wp.Launch]:
@@ -631,6 +755,9 @@ class Step:
             f = m.features
             law = facet_energies(s, k, f.faces, f.has_bending, ids is not None, self._simd)
             passes.append(self._bind(law, facets, **given))
+            if f.branches:
+                law = branch_energies(s, f.branches, ids is not None, self._simd)
+                passes.append(self._bind(law, facets, facets=m.facet_bonds, **given))
         if bonds > facets:
             f = m.features
             law = evm_energies(
@@ -681,6 +808,9 @@ class Step:
         if name not in self._flags:
             self._flags[name] = array.numpy()  # a view of the same memory
         self._flags[name][:] = values
+
+    def _taken(self, *names: str) -> float:
+        return sum(self._sum(name) for name in names if name in self.arrays)
 
     def _sum(self, name: str) -> float:
         return float(self.arrays[name].numpy().sum(dtype=np.float64))

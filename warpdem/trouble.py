@@ -1,4 +1,4 @@
-"""EVM bonds deformed beyond what their energy stands for (theory A5): told once, with ids."""
+"""Bonds deformed beyond what their energy stands for (theory A5, B2a): told once, with ids."""
 
 import warnings
 from math import degrees, pi
@@ -6,13 +6,14 @@ from math import degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, ModelWarning, TroubledBondError
+from .errors import Array, ModelWarning, TroubledBondError, first_ids
 from .kernels.evm import CRUSHED
-from .model import Model
+from .model import Model, bond_ends
 from .step import Step
 
 TWIST = pi / 3.0  # torsion is 17 % soft here; its moment falls from pi/2 on
 TURN = 0.95 * pi  # angles of bonds with large_rotation have a kink at pi
+SLIP = 0.3  # of a bond's length: where its face is no longer the one it was (theory B2a, a guess)
 KINDS = ("twisted", "bent", "crushed")
 TYPE = [("bond", int), ("i", int), ("j", int), ("step", int), ("kind", "U8"), ("value", float)]
 ADVICE = {
@@ -98,3 +99,46 @@ class Troubles:
             f"at step {step} these EVM bonds are {kind} beyond the range of their energy: "
             f"{', '.join(shown)}{more}; {ADVICE[kind]}."
         )
+
+
+class Slips:
+    """Which facet bonds of a simulation have crept beyond the range of slips; told of once in all,
+    as a fluid's go one after the other."""
+
+    def __init__(self, model: Model, stops: bool) -> None:
+        ends = bond_ends(model)[: model.facet_bonds]
+        self._model, self._stops = model, stops
+        self._length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        self._told = np.zeros(model.facet_bonds, dtype=bool)
+        self._rows: list[tuple] = []
+
+    @property
+    def log(self) -> NDArray[np.void]:
+        """Bonds found so far: bond, i, j, step, kind ("crept"), value (slip over length)."""
+        return np.array(self._rows, dtype=TYPE)
+
+    def check(self, step: Step) -> None:
+        """Look at all slips; warn of the first that are too great, or raise to stop the run."""
+        m = self._model
+        slip = step.download("bond_slip")[: 2 * m.facet_bonds].reshape(m.facet_bonds, 2, -1)
+        share = np.linalg.norm(slip, axis=2).sum(axis=1) / self._length
+        new = (share > SLIP) & ~self._told
+        if not new.any():
+            return
+        is_first = not self._told.any()
+        self._told |= new
+        pairs = np.stack([m.bond_i, m.bond_j], axis=1)[: m.facet_bonds]
+        own = np.minimum(np.arange(m.facet_bonds), m.facet_bonds - m.nodes - 1)
+        self._rows += [
+            (own[b], *pairs[b], step.count, "crept", share[b]) for b in np.flatnonzero(new)
+        ]
+        if not is_first:
+            return
+        message = (
+            f"at step {step.count} bonds {first_ids(new)} have crept by {share.max():.2g} of their "
+            f"length; beyond {SLIP:g} their faces are no longer those between these elements, and "
+            "results are not to be trusted."
+        )
+        if self._stops:
+            raise TroubledBondError(message)
+        warnings.warn(message, ModelWarning, stacklevel=4)

@@ -19,6 +19,7 @@ class Faces(NamedTuple):
     central: bool  # every one is in the middle of its centre line
     has_jump: bool  # some bonds meet through the side of a periodic, strained box
     has_slip: bool = False  # some bonds flow: the anchors of their springs move
+    has_creep: bool = False  # they creep: the volume term is of the moved anchors as well
 
 
 @cache

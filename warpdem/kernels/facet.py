@@ -121,6 +121,9 @@ def facet_forces(
             gj = volume_stress[nn(bond_j[b])]
             fi, fj = many.force(bond_weight[b], gi, gj, ci, cj)
             f = f + fi + fj
+            if wp.static(faces.has_creep):  # of the opening of the anchors, and acting there
+                delta = spring
+                pull = f
             ti = s.cross(ci, f) + s.cross(delta, fi)
             tj = s.cross(delta, fj) - s.cross(cj, f)
         else:

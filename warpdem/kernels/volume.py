@@ -61,6 +61,7 @@ def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = 
         bond_jump: wp.array(dtype=k.real),
         # state read
         bond_weight: wp.array(dtype=real),
+        bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
@@ -73,6 +74,9 @@ def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = 
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
+        if wp.static(faces.has_creep):
+            si, sj = geometry.load_slips(b, bond_i, bond_j, bond_slip, orientation)
+            delta += sj - si
         w = bond_weight[b]
         end_dilation[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, delta)
         end_dilation[nn(bond_place[nn(2 * b + 1)])] = -w * wp.dot(cj, delta)

@@ -9,6 +9,7 @@ from . import (  # noqa: F401  they register
     incremental,
     mca,
     plastic,
+    visco,
     waves,
 )
 from .case import CASES, Case, Check, Measurement, as_markdown, cases

@@ -60,6 +60,8 @@ def case(group: str, slow: bool = False) -> Callable[[Callable], Callable]:
 
     def register(measure: Callable[[], Iterable[Measurement]]) -> Callable:
         name = measure.__name__.replace("_", "-")
+        if name in CASES:
+            raise ValueError(f"there are two validation cases {name}; one would hide the other.")
         CASES[name] = Case(name, group, slow, measure)
         return measure
 

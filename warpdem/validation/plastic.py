@@ -355,7 +355,7 @@ class Cycle:
 
 
 @case("plastic")
-def spinning_bodies() -> Iterator[Measurement]:
+def spinning_yielding_bodies() -> Iterator[Measurement]:
     """Bodies that fly, turn by one radian to seven and yield: their momenta and their ledger.
 
     Facet and EVM bonds, a stiffer half that does not yield (its faces have nodes), Nikolaevsky's

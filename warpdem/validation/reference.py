@@ -265,3 +265,122 @@ def half_space_slowness(p: NDArray, material: Material, plane: str) -> tuple[NDA
     alpha, beta = np.sqrt(a * a - square), np.sqrt(b * b - square)
     rayleigh = (b * b - 2.0 * square) ** 2 + 4.0 * square * alpha * beta
     return p * (b * b - 2.0 * square - 2.0 * alpha * beta) / rayleigh, alpha * b * b / rayleigh
+
+
+class Creep:
+    """Facet bonds of one Prony series, step by step from given places (theory B12).
+
+    Full rotation matrices; branches are vectors in the mean frame of a bond.
+    """
+
+    def __init__(
+        self,
+        bonds: NDArray[np.int64],
+        arms: Array,
+        area: Array,
+        volume: Array,
+        material: Material,
+        plane: str | None,
+        shares: Array,
+        lost: Array,
+    ) -> None:
+        self.i, self.j = bonds.T
+        self.c0, self.volume, self.plane = in_space(arms), volume, plane
+        self.g, self.lost = shares, lost  # lost: 1 - exp(-dt/T_k)
+        self.shear, self.coupling = material.shear_modulus, material.coupling
+        self.centre = self.c0[:, 0] - self.c0[:, 1]
+        self.r0 = np.linalg.norm(self.centre, axis=1)
+        self.w = area / self.r0
+        q = np.einsum("bx,bx->b", self.c0[:, 0], self.centre) / self.r0
+        faces = self._sums(area * q, -area * (self.r0 - q))
+        self.soft = 3.0 - self.coupling * (faces + (plane == "strain"))
+        self.p = np.zeros((len(shares), len(bonds), 3))
+        self.anchors = np.zeros((2, len(bonds), 3))  # of the slip, half with each element
+        self.z = np.zeros((len(shares), len(volume)))
+
+    def start(self, displacement: Array, orientation: Array) -> None:
+        """The first places, which are reached at once."""
+        self._place(displacement, orientation)
+        self.opening = np.einsum("bxy,bx->by", self.frame, self.delta)
+        self.mean = self._mean()
+
+    def step(self, displacement: Array, orientation: Array) -> tuple[Array, Array, Array]:
+        """Move on by a step; force on i and torques on i and j of every bond, (b, 3) each."""
+        before = self.mean
+        self._place(displacement, orientation)
+        mean = 0.5 * (before + self._mean())
+        if self.plane is not None:
+            mean = self._creep_across(mean)
+        opening = np.einsum("bxy,bx->by", self.frame, self.delta)
+        h = (1.0 - self.coupling) * mean / (2.0 * self.shear)
+        spherical = h[self.i, None] * self.ci - h[self.j, None] * self.cj
+        e = 0.5 * (opening + self.opening) - np.einsum("bxy,bx->by", self.frame, spherical)
+        self.p += self.lost[:, None, None] * (e - self.p)
+        self.opening = opening
+        slip = np.einsum("bxy,by->bx", self.frame, np.tensordot(self.g, self.p, 1))
+        for half, turned in zip(self.anchors, (self.q[self.i], self.q[self.j]), strict=True):
+            half[:] = np.einsum("bxy,bx->by", turned, 0.5 * slip)
+        self.mean = self._mean()
+        return self._forces()
+
+    def _place(self, displacement: Array, orientation: Array) -> None:
+        q = rotation_matrices(orientation)
+        u = in_space(displacement)
+        self.ci = np.einsum("bxy,by->bx", q[self.i], self.c0[:, 0])
+        self.cj = np.einsum("bxy,by->bx", q[self.j], self.c0[:, 1])
+        self.delta = self.centre + u[self.j] - u[self.i] + self.cj - self.ci
+        turn = Rotation.from_matrix(np.swapaxes(q[self.i], 1, 2) @ q[self.j])
+        half = Rotation.from_rotvec(0.5 * turn.as_rotvec()).as_matrix()
+        self.frame = q[self.i] @ half
+        self.q = q
+
+    def _slip(self) -> Array:
+        turned = self.q[self.i], self.q[self.j]
+        first, second = (
+            np.einsum("bxy,by->bx", q, half) for q, half in zip(turned, self.anchors, strict=True)
+        )
+        return first + second
+
+    def _dilation(self) -> Array:
+        elastic = self.w[:, None] * (self.delta - self._slip())
+        e = self._sums((self.ci * elastic).sum(axis=1), (self.cj * elastic).sum(axis=1))
+        return e - (self.g @ self.z if self.plane == "strain" else 0.0)
+
+    def _mean(self) -> Array:
+        return 2.0 * self.shear * self._dilation() / self.soft
+
+    def _creep_across(self, mean: Array) -> Array:
+        """Creep of the strain across the plane; the mean stress in the middle of the step."""
+        two = 2.0 * self.shear
+        if self.plane == "strain":
+            across = -(1.0 - self.coupling) * mean / two
+            self.z += self.lost[:, None] * (across - self.z)
+            return mean
+        # sigma_zz = 0: e_zz = z - m/2G, and m rises by 2G/soft times half of what z does
+        rate = self.g * self.lost
+        across = np.empty_like(mean)
+        for n in range(len(mean)):
+            half = 0.5 / self.soft[n]
+            # unknown e, dz, m: e = z + dz/2 - m/2G, dz = rate.(e - z_k), m = mean + 2G half dz
+            a = np.array([[1.0, -0.5, 1.0 / two], [-rate.sum(), 1.0, 0.0], [0.0, -two * half, 1.0]])
+            z = self.z[:, n]
+            across[n], _, mean[n] = np.linalg.solve(a, [self.g @ z, -rate @ z, mean[n]])
+        self.z += self.lost[:, None] * (across - self.z)
+        return mean
+
+    def _forces(self) -> tuple[Array, Array, Array]:
+        p = self._slip()
+        d = self.delta - p
+        g = self.coupling * self.mean
+        k = 2.0 * self.shear * self.w[:, None]
+        fi = self.w[:, None] * g[self.i, None] * self.ci
+        fj = -self.w[:, None] * g[self.j, None] * self.cj
+        ai, aj = self.ci + 0.5 * p, self.cj - 0.5 * p  # to facet points, each with half of the slip
+        f = k * d
+        ti = np.cross(ai, f + fj) + np.cross(ai + d, fi)
+        tj = -np.cross(aj, f + fi) - np.cross(aj - d, fj)
+        return f + fi + fj, ti, tj
+
+    def _sums(self, first: Array, second: Array) -> Array:
+        n = len(self.volume)
+        return (np.bincount(self.i, first, n) - np.bincount(self.j, second, n)) / self.volume
