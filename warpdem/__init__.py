@@ -20,7 +20,7 @@ from .criteria import (
 from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
-from .observe import CrackTracker, PlaneProbe, Probe, Snapshot
+from .observe import CrackTracker, FragmentTracker, PlaneProbe, Probe, Snapshot, fragments
 from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
 from .scene import Body, Scene, Servo
@@ -31,6 +31,7 @@ from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 
 if TYPE_CHECKING:
     from .write.field import draw_field
+    from .write.fragment import write_fragments
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
 
@@ -46,6 +47,7 @@ __all__ = [
     "DamageRate",
     "DruckerPrager",
     "EVMBond",
+    "FragmentTracker",
     "HuberMisesHencky",
     "Incubation",
     "InputError",
@@ -87,10 +89,12 @@ __all__ = [
     "draw_field",
     "draw_structure",
     "experiments",
+    "fragments",
     "lattice_bond",
     "lattice_moduli",
     "packing",
     "periodic_moduli",
+    "write_fragments",
 ]
 
 
@@ -104,6 +108,10 @@ def __getattr__(name: str) -> object:
         from .write.field import draw_field
 
         return draw_field
+    if name == "write_fragments":
+        from .write.fragment import write_fragments
+
+        return write_fragments
     if name == "draw_structure":
         from .write.structure import draw_structure
 
