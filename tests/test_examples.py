@@ -4,6 +4,7 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -47,6 +48,17 @@ def test_solids_script(tmp_path, monkeypatch, capsys):
     # Kirsch's 3 at the edge, less inside its coarse elements
     assert 2.0 < float(capsys.readouterr().out) < 3.1
     assert (tmp_path / "hole.png").stat().st_size > 1000
+
+
+def test_viscoelasticity_script(tmp_path, monkeypatch, capsys):
+    page = (ROOT / "docs" / "viscoelasticity.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "viscoelasticity.md", "exec"), {})
+    left, exact = map(float, capsys.readouterr().out.split())
+    # 1 - 0.6 (1 - 1/e) after one time of relaxation
+    assert exact == pytest.approx(1.0 - 0.6 * (1.0 - np.exp(-1.0)), rel=1e-3)
+    assert left == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize(

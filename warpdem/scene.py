@@ -218,7 +218,7 @@ class Scene:
         if facet_bending and bond != "facet":
             raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
         laws = _yield_laws(packing, materials, bond, volume, yielding)
-        creep = _viscous_laws(packing, materials, bond, volume, viscous)
+        creep = _viscous_laws(materials, bond, volume, viscous)
         for other in self.bodies:
             _no_mixture((*laws, *other.yielding), (*creep, *other.viscous))
         _no_mixture(laws, creep)
@@ -633,13 +633,12 @@ def _yield_laws(
 
 
 def _viscous_laws(
-    packing: Packing,
     materials: tuple[Material, ...],
     bond: str | EVMBond,
     volume: bool | None,
     viscous: ViscousLaw | Sequence[ViscousLaw | None] | None,
 ) -> tuple[ViscousLaw | None, ...]:
-    if viscous is None or isinstance(viscous, ViscousLaw):
+    if viscous is None or not isinstance(viscous, Sequence):
         laws: tuple[ViscousLaw | None, ...] = (viscous,) * len(materials)
     else:
         laws = tuple(viscous)
