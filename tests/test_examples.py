@@ -4,6 +4,7 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -60,6 +61,17 @@ def test_fracture_script(tmp_path, monkeypatch, capsys):
     assert count > 5 and 0.0 < first < 80e-6
     assert ratio > 1.0
     assert abs(error) < 1e-4
+
+
+def test_viscoelasticity_script(tmp_path, monkeypatch, capsys):
+    page = (ROOT / "docs" / "viscoelasticity.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "viscoelasticity.md", "exec"), {})
+    left, exact = map(float, capsys.readouterr().out.split())
+    # 1 - 0.6 (1 - 1/e) after one time of relaxation
+    assert exact == pytest.approx(1.0 - 0.6 * (1.0 - np.exp(-1.0)), rel=1e-3)
+    assert left == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -1050,7 +1050,7 @@ def _spherical(model: Model) -> Array:
     matrix = csr_matrix((value, (rows, columns)), shape=(n, n))
     rates = model.retardation[model.element_law] > 0.0
     modulus = share * mean_stiffness(model, linked)
-    modulus[rates] = (model.element_two_shear / face_sum(model, linked))[rates]
+    modulus[rates] = model.element_two_shear[rates] / face_sum(model, linked)[rates]
     scale = modulus / model.element_volume
     if model.features.plane == "strain":  # and of a spring across the plane
         stiff = np.where(model.element_two_shear > 0.0, model.element_two_shear, np.inf)

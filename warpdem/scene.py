@@ -227,7 +227,7 @@ class Scene:
                     "a Toughness is for facet bonds of one material; give a criterion its strength."
                 )
             fracture = fracture.at(packing, materials[0])
-        creep = _viscous_laws(packing, materials, bond, volume, viscous)
+        creep = _viscous_laws(materials, bond, volume, viscous)
         for other in self.bodies:
             _no_mixture((*laws, *other.yielding), (*creep, *other.viscous))
         _no_mixture(laws, creep)
@@ -717,13 +717,12 @@ def _check_fracture(
 
 
 def _viscous_laws(
-    packing: Packing,
     materials: tuple[Material, ...],
     bond: str | EVMBond,
     volume: bool | None,
     viscous: ViscousLaw | Sequence[ViscousLaw | None] | None,
 ) -> tuple[ViscousLaw | None, ...]:
-    if viscous is None or isinstance(viscous, ViscousLaw):
+    if viscous is None or not isinstance(viscous, Sequence):
         laws: tuple[ViscousLaw | None, ...] = (viscous,) * len(materials)
     else:
         laws = tuple(viscous)

@@ -32,6 +32,18 @@ def carrier(s: Laws, k: Laws, faces: Faces) -> Laws:
     placed, exact, narrowed, placed_exact = narrow(k, s), narrow(d, k), narrow(s, k), narrow(k, d)
 
     @wp.func
+    def load_share(b: int, bond_arm: wp.array(dtype=k.real)) -> k.real:
+        """Share of i in what both elements of a bond carry; a node, which does not turn, has
+        none."""
+        share = k.real(0.5)
+        if wp.static(not faces.central):
+            ci = geometry.load_arm(bond_arm, nn(2 * b))
+            cj = geometry.load_arm(bond_arm, nn(2 * b + 1))
+            share = wp.where(wp.dot(ci, ci) == k.real(0.0), k.real(0.0), share)
+            share = wp.where(wp.dot(cj, cj) == k.real(0.0), k.real(1.0), share)
+        return share
+
+    @wp.func
     def load_frame(
         b: int,
         bond_i: wp.array(dtype=int),
@@ -39,14 +51,8 @@ def carrier(s: Laws, k: Laws, faces: Faces) -> Laws:
         bond_arm: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
     ):
-        """Mean rotation of both elements, and the share of i in it; a node, which does not turn,
-        has none."""
-        share = k.real(0.5)
-        if wp.static(not faces.central):
-            ci = geometry.load_arm(bond_arm, nn(2 * b))
-            cj = geometry.load_arm(bond_arm, nn(2 * b + 1))
-            share = wp.where(wp.dot(ci, ci) == k.real(0.0), k.real(0.0), share)
-            share = wp.where(wp.dot(cj, cj) == k.real(0.0), k.real(1.0), share)
+        """Mean rotation of both elements, and the share of i in it."""
+        share = load_share(b, bond_arm)
         qi = k.load_rot(orientation, nn(bond_i[b]))
         qj = k.load_rot(orientation, nn(bond_j[b]))
         return wp.normalize(share * qi + (k.real(1.0) - share) * qj), share
@@ -82,6 +88,7 @@ def carrier(s: Laws, k: Laws, faces: Faces) -> Laws:
         k.store(bond_slip, nn(2 * b + 1), other + k.turn_back(qj, other))
 
     return Laws(
+        load_share=load_share,
         load_frame=load_frame,
         carried=carried,
         in_world=in_world,
@@ -380,10 +387,10 @@ def branch_zz_energies(s: Laws, plane: str | None, branches: int, simd: bool = T
 def opening_rates(s: Laws, k: Laws, faces: Faces, has_box: bool, simd: bool = True):
     """Pass over facet bonds: how fast they open, and each face's share of V dE/dt.
 
-    It is the relative speed of the two bodies at one point, midway between the facet points, so
-    that a rigid motion has none.
+    It is the relative speed of the two bodies at one point, midway between the facet points or at
+    a node, so that a rigid motion has none.
     """
-    geometry, real = face(s, k, faces), s.real
+    geometry, own, real = face(s, k, faces), carrier(s, k, faces), s.real
 
     def opening_rates(
         # model
@@ -409,9 +416,10 @@ def opening_rates(s: Laws, k: Laws, faces: Faces, has_box: bool, simd: bool = Tr
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
-        half = real(0.5) * delta
-        rate = s.load(velocity, j) + s.rotate(s.load_spin(angular_velocity, j), cj - half)
-        rate -= s.load(velocity, i) + s.rotate(s.load_spin(angular_velocity, i), ci + half)
+        ahead = real(own.load_share(b, bond_arm)) * delta
+        back = ahead - delta
+        rate = s.load(velocity, j) + s.rotate(s.load_spin(angular_velocity, j), cj + back)
+        rate -= s.load(velocity, i) + s.rotate(s.load_spin(angular_velocity, i), ci + ahead)
         if wp.static(has_box):
             rate += s.load(jump_rate, b)
         w = bond_weight[b]
@@ -455,7 +463,7 @@ def facet_dashpots(
     F = T k d' - w (h_i c_i - h_j c_j), T the time of retardation, h of `mean_rates`. The second
     time, at velocities that the first forces alone would give, their mean is taken (Heun).
     """
-    geometry, real = face(s, k, faces), s.real
+    geometry, own, real = face(s, k, faces), carrier(s, k, faces), s.real
 
     def facet_dashpots(
         # model
@@ -484,14 +492,14 @@ def facet_dashpots(
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
-        half = real(0.5) * delta
+        ahead = real(own.load_share(b, bond_arm)) * delta
         eta = retardation[nn(bond_law[b])] * facet_stiffness[b]
         spherical = mean_rate[nn(bond_i[b])] * ci - mean_rate[nn(bond_j[b])] * cj
         f = eta * s.load(opening_rate, b) - bond_weight[b] * spherical
         if wp.static(is_second):
             f = real(0.5) * (f + s.load(damping_force, nn(bond_place[nn(2 * b)])))
-        ti = s.cross(ci + half, f)
-        tj = -s.cross(cj - half, f)
+        ti = s.cross(ci + ahead, f)
+        tj = -s.cross(cj + (ahead - delta), f)
         s.store_ends(bond_place, damping_force, damping_torque, b, f, ti, tj)
         if wp.static(has_box and is_second):
             done = dt * wp.dot(f, s.load(jump_rate, b))
