@@ -134,7 +134,7 @@ def branches_of_bonds() -> Iterator[Measurement]:
 
 @case("visco")
 def uniform_states() -> Iterator[Measurement]:
-    """A periodic cell after a step of any strain, at rest: its stresses to 3 T."""
+    """A periodic cell after a step of any strain, at rest: its stresses to 2 T."""
     strain = STRAIN * np.array([[1.0, 0.4, 0.2], [0.4, -0.3, -0.3], [0.2, -0.3, 0.5]])
     for plane, (name, law) in product(SPACES, LAWS.items()):
         p = _cells(plane, periodic=True)
@@ -146,7 +146,7 @@ def uniform_states() -> Iterator[Measurement]:
         sim = Simulation(scene)
         laplace, dilation = Correspondence(law), np.trace(e)
         worst = size = 0.0
-        for _ in range(6):
+        for _ in range(4):
             sim.run(until=sim.time + 0.5 * TIME)
             shear = 2.0 * SOFT.shear_modulus * law.relaxation(sim.time)
             exact = shear * (
@@ -166,9 +166,9 @@ def uniform_states() -> Iterator[Measurement]:
 def harmonic_strain() -> Iterator[Measurement]:
     """A periodic cell in harmonic shear: storage modulus from its stress, loss from the work."""
     laws: dict[str, ViscousLaw] = {"Kelvin-Voigt": KelvinVoigt(TIME), **LAWS}
-    for (name, law), x in product(laws.items(), (0.3, 1.0, 3.0)):
+    for (name, law), x in product(laws.items(), (0.5, 2.0)):
         exact = SOFT.shear_modulus * law.complex_modulus(x / TIME)
-        found = _shaken("strain" if x > 0.5 else None, law, x / TIME)
+        found = _shaken(law, x / TIME)
         size = abs(exact)
         for part, value, wanted in (
             ("storage", found.real, exact.real),
@@ -179,9 +179,9 @@ def harmonic_strain() -> Iterator[Measurement]:
             yield Measurement(what, float(wanted), "G*(omega)", float(value), float(error), 1e-3)
 
 
-def _shaken(plane: str | None, law: ViscousLaw, frequency: float) -> complex:
+def _shaken(law: ViscousLaw, frequency: float) -> complex:
     """Complex shear modulus of a cell whose elements follow its shear; a cycle after the start."""
-    p = _cells(plane, periodic=True)
+    p = _cells("strain", periodic=True)
     steps = 400
     dt = 2.0 * pi / (steps * frequency)
     shear = np.zeros((p.dim, p.dim))
@@ -335,12 +335,12 @@ def relaxation_and_creep() -> Iterator[Measurement]:
 def kelvin_voigt_creep() -> Iterator[Measurement]:
     """Bars of Kelvin and Voigt's solid under a sudden traction, two elements wide, to 2 T.
 
-    From T on: until then waves of volume, which shear dashpots hardly damp, run along the bar.
+    From 1.5 T on: until then waves of volume, which shear dashpots hardly damp, run along the bar.
 
     In half of the default step: where dt is all but what dashpots allow, the fastest motions, as at
     the ends, lag. The reference has the inertia of a slow bar, -s^2 rho L^2/8 E^-2.
     """
-    law, length = KelvinVoigt(60.0), 8.0
+    law, length = KelvinVoigt(50.0), 8.0
     for plane in SPACES:
         p = (
             packing.square((2.0, length), 1.0, plane)
@@ -360,7 +360,7 @@ def kelvin_voigt_creep() -> Iterator[Measurement]:
         n, d = Correspondence(law).tension(plane)
         slow = d * n - Polynomial([0.0, 0.0, SOFT.density * length**2 / 8.0]) * d * d
         worst = 0.0
-        for time in (1.0, 1.5, 2.0):
+        for time in (1.5, 2.0):
             sim.run(until=time * law.time)
             found = float(np.polyfit(along[middle], sim.displacement[middle, -1], 1)[0] / STRAIN)
             exact = float(step_response((slow, n * n), np.array([sim.time]))[0])
@@ -458,8 +458,8 @@ def _sizes(sim: Simulation, velocity: Array, x: Array) -> tuple[float, float]:
 @case("visco")
 def breaking_bodies() -> Iterator[Measurement]:
     """Bodies torn apart while they creep: a broken bond drops its branches, the ledger closes."""
-    for plane, (name, law) in product(SPACES, EVERY.items()):
-        p = _cells(plane)
+    for plane, name in product(("strain", None), ("two branches", "Kelvin-Voigt")):
+        p, law = _cells(plane), EVERY[name]
         rng = np.random.default_rng(0)
         scene = Scene()
         body = scene.add(p, SOFT, viscous=law, fracture=Rankine(1e-4))
@@ -578,7 +578,7 @@ def precisions() -> Iterator[Measurement]:
         scene.strain(body, [[0.0, 1e-3], [1e-3, 0.0]])
         scene.hold(body, np.arange(len(p)))
         sim = Simulation(scene, precision=precision, dt=0.4, force_dt=True)
-        sim.run(until=1e4)
+        sim.run(until=4e3)
         found[precision] = sim.stress[~p.boundary(1), 0, 1]
     exact = found["float64"]
     for precision, limit in (("mixed", 1e-6), ("float32", 1e-5)):
