@@ -34,7 +34,7 @@ ALLOWED = {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
         *("moduli", "statics", "experiments"),
     },
-    "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
+    "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
 }
 
 

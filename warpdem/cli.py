@@ -17,9 +17,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import experiments
+from .criteria import Criterion
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
 from .experiments import ModeIResult, Result
 from .experiments.mode_i import FILES as MODE_I_FILES
+from .experiments.rock import FILES as ROCK_FILES
+from .experiments.rock import Rig, Rock, RockResult
+from .experiments.shared import read_criterion, write_criterion
 from .observe import CrackTracker
 from .simulation import PRECISIONS, Observer, Simulation
 from .write.record import describe_machine
@@ -88,7 +92,7 @@ def experiment(
 
     def command(precision: str, device: str, out: Path, **given: Any) -> None:
         console.print(f"warpdem {version('warpdem')}: {title}")
-        chosen = parameters(**given)
+        chosen = parameters(**given | {k: read_criterion(given[k]) for k in written})
         result = function(
             chosen,
             device=device,
@@ -107,7 +111,14 @@ def experiment(
         console.print(f"written to {out}: {' '.join(files)}")
 
     hints = get_type_hints(parameters, include_extras=True)
-    options = [_option(f.name, hints[f.name], f.default) for f in fields(parameters)]
+    written: list[str] = []  # criteria, in words
+    options = []
+    for f in fields(parameters):
+        hint, default = hints[f.name], f.default
+        if isinstance(default, Criterion):
+            written.append(f.name)
+            hint, default = Annotated[str, hint.__metadata__[0]], write_criterion(default)
+        options.append(_option(f.name, hint, default))
     arithmetic = f"Arithmetic: {', '.join(PRECISIONS)} (places in float64)."
     options += [
         _option("precision", Annotated[str, arithmetic], "float64"),
@@ -159,6 +170,54 @@ experiment(
     _crack_progress,
     _crack_closing,
 )
+
+
+def _load_progress(p: Rock, rig: Rig) -> Observer:
+    def done() -> tuple[float, str]:
+        stress = p.sign * rig.history.stress if len(rig.history.time) else np.zeros(1)
+        return float(stress[-1]), f"{stress[-1] / 1e6:.4g}"
+
+    most = f"{rig.strength / 1e6:.4g} MPa that the criterion bears"
+    return Advance("stress", most, rig.strength, done)
+
+
+def _rock_closing(result: RockResult) -> list[str]:
+    p = result.parameters
+    lines = [
+        f"{p.title}: {p.stress_name} {result.strength / 1e6:.4g} MPa at the peak, "
+        f"{result.strength / result.criterion_strength:.3f} of the criterion's "
+        f"{result.criterion_strength / 1e6:.4g} MPa in homogeneous stress; first bond broken at "
+        f"{result.first_break_stress / 1e6:.4g} MPa"
+    ]
+    if np.isfinite(result.young):
+        lines.append(
+            f"Young's modulus {result.young / 1e9:.4g} GPa (given {p.young / 1e9:.4g}), Poisson's "
+            f"ratio {result.poisson:.4f} (given {p.poisson:g})"
+        )
+    if np.isfinite(result.fracture_angle):
+        lines.append(
+            f"densest band of broken bonds {result.fracture_angle:.0f} degrees to the load "
+            f"(expected {result.expected_angle:.0f}), {result.band_share:.0%} of them in it; "
+            f"{result.tensile_breaks} bonds broke in tension, {result.shear_breaks} in shear"
+        )
+    return lines
+
+
+for _parameters, _function in (
+    (experiments.Tension, experiments.tension),
+    (experiments.Compression, experiments.compression),
+    (experiments.Confined, experiments.confined),
+    (experiments.Brazilian, experiments.brazilian),
+):
+    experiment(
+        _parameters.name,
+        _parameters.title.lower(),
+        _parameters,
+        _function,
+        ROCK_FILES,
+        _load_progress,
+        _rock_closing,
+    )
 
 
 @app.command()

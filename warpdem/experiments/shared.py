@@ -108,33 +108,41 @@ def write_record(
 
 
 def read_criterion(text: str) -> Criterion:
-    """A fracture criterion written as a name and numbers, such as drucker-prager:100e6,10.
+    """A fracture criterion written as a name and numbers, such as drucker-prager:50e6,5.
 
     Numbers in the order of the class of that name in `criteria`, or as name=number.
     """
     known = {
-        "".join("-" + c.lower() if c.isupper() else c for c in name).lstrip("-"): kind
+        _kebab(name): kind
         for name, kind in vars(criteria).items()
         if isinstance(kind, type) and is_dataclass(kind) and hasattr(kind, "kind")
     }
     name, _, rest = text.partition(":")
     one_of("criterion", name, known)
     wanted = [f.name for f in fields(known[name])]
-    numbers: dict[str, float] = {}
-    for place, part in enumerate(p for p in rest.split(",") if p):
-        key, _, value = part.rpartition("=")
-        key = key or wanted[min(place, len(wanted) - 1)]
-        try:
-            numbers[key] = float(value)
-        except ValueError:
-            raise InputError(f"criterion is {text!r}: {value!r} is not a number.") from None
     try:
+        numbers = {}
+        for place, part in enumerate(rest.split(",")):
+            key, _, value = part.rpartition("=")
+            numbers[key or wanted[place]] = float(value)
         return known[name](**numbers)  # type: ignore[return-value]
-    except TypeError:
+    except (TypeError, IndexError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(
-            f"criterion is {text!r}; {name} takes {', '.join(wanted)}: write "
+            f"criterion is {text!r}; {name} takes numbers: write "
             f"{name}:{','.join(w + '=...' for w in wanted)}."
         ) from None
+
+
+def write_criterion(criterion: Criterion) -> str:
+    """A criterion as `read_criterion` reads it."""
+    numbers = (f"{f.name}={getattr(criterion, f.name):g}" for f in fields(criterion))
+    return f"{_kebab(type(criterion).__name__)}:{','.join(numbers)}"
+
+
+def _kebab(name: str) -> str:
+    return "".join("-" + c.lower() if c.isupper() else c for c in name).lstrip("-")
 
 
 def _told(value: Any) -> Any:
