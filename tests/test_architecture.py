@@ -41,7 +41,7 @@ ALLOWED = {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
         *("moduli", "statics", "experiments", "plasticity", "toughness", "viscoelasticity"),
     },
-    "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
+    "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
 }
 
 

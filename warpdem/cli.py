@@ -4,9 +4,12 @@ import json
 import sys
 import time
 import warnings
+from collections.abc import Callable
+from dataclasses import MISSING, fields
 from importlib.metadata import version
+from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import numpy as np
 import typer
@@ -14,8 +17,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import experiments
+from .criteria import Criterion
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
-from .experiments.mode_i import CRITERIA, PACKINGS
+from .experiments import ModeIResult, Result
+from .experiments.mode_i import FILES as MODE_I_FILES
+from .experiments.rock import FILES as ROCK_FILES
+from .experiments.rock import Rig, Rock, RockResult
+from .experiments.shared import read_criterion, write_criterion
 from .observe import CrackTracker
 from .simulation import PRECISIONS, Observer, Simulation
 from .write.record import describe_machine
@@ -27,38 +35,38 @@ app.add_typer(run, name="run")
 console = Console(highlight=False, soft_wrap=True)
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
-DEFAULT = experiments.ModeI()
 
+class Advance:
+    """An observer that shows how far a run has come, its rate and the time left.
 
-class CrackProgress:
-    """An observer that shows how far the crack has run, the rate and the time left."""
+    what: a word, and `of` what there is in all; done: how much of `total` is done, with the text
+    that says so.
+    """
 
     every = 20
 
-    def __init__(self, crack: CrackTracker, start: float, end: float) -> None:
-        self.crack, self.start, self.end = crack, start, end
-        self.scale, self.unit = unit_of(end)
+    def __init__(self, what: str, of: str, total: float, done: Callable[[], tuple[float, str]]):
+        self.what, self.of, self.done = what, of, done
         self.told = time.perf_counter()
         self.bar = Progress(
-            TextColumn("crack {task.fields[tip]:>5} of " + f"{end * self.scale:.4g} {self.unit}"),
+            TextColumn(what + " {task.fields[shown]:>5} of " + of),
             BarColumn(),
             TextColumn("{task.fields[rate]:.1f} million element-steps/s, left"),
             TimeRemainingColumn(),
             console=console,
             disable=not console.is_terminal,
         )
-        self.task = self.bar.add_task("crack", total=end - start, tip="", rate=0.0)
+        self.task = self.bar.add_task(what, total=total, shown="", rate=0.0)
         self.bar.start()
 
     def observe(self, sim: Simulation) -> None:
         """Move the bar, or print a line where there is no terminal."""
-        tip = min(self.crack.tip, self.end) if np.isfinite(self.crack.tip) else self.start
-        shown = f"{tip * self.scale:.4g}"
-        self.bar.update(self.task, completed=tip - self.start, tip=shown, rate=sim.rate / 1e6)
+        completed, shown = self.done()
+        self.bar.update(self.task, completed=completed, shown=shown, rate=sim.rate / 1e6)
         if not console.is_terminal and time.perf_counter() - self.told > 5.0:
             self.told = time.perf_counter()
             console.print(
-                f"step {sim.steps}: crack {shown} of {self.end * self.scale:.4g} {self.unit}, "
+                f"step {sim.steps}: {self.what} {shown} of {self.of}, "
                 f"{sim.rate / 1e6:.1f} million element-steps/s"
             )
 
@@ -67,85 +75,149 @@ class CrackProgress:
         self.bar.stop()
 
 
-@run.command("mode-i")
-def mode_i(
-    length: Annotated[float, typer.Option(help="Length of the plate, m.")] = DEFAULT.length,
-    height: Annotated[float, typer.Option(help="Height of the plate, m.")] = DEFAULT.height,
-    spacing: Annotated[float, typer.Option(help="Distance of elements, m.")] = DEFAULT.spacing,
-    notch: Annotated[float, typer.Option(help="Length of the notch, m.")] = DEFAULT.notch,
-    strain: Annotated[float, typer.Option(help="Strain across the crack.")] = DEFAULT.strain,
-    young: Annotated[float, typer.Option(help="Young's modulus, Pa.")] = DEFAULT.young,
-    poisson: Annotated[float, typer.Option(help="Poisson's ratio.")] = DEFAULT.poisson,
-    density: Annotated[float, typer.Option(help="Density, kg/m^3.")] = DEFAULT.density,
-    strength: Annotated[
-        float, typer.Option(help="Tensile strength of the weak plane at this spacing, Pa.")
-    ] = DEFAULT.strength,
-    bulk_strength: Annotated[
-        float, typer.Option(help="Strength elsewhere over the weak plane's; inf: unbreakable.")
-    ] = DEFAULT.bulk_strength,
-    criterion: Annotated[
-        str, typer.Option(help=f"When a bond breaks: {', '.join(CRITERIA)}.")
-    ] = DEFAULT.criterion,
-    packing: Annotated[
-        str, typer.Option(help=f"Arrangement of elements: {', '.join(PACKINGS)}.")
-    ] = DEFAULT.packing,
-    refine: Annotated[
-        int, typer.Option(help="Divide the spacing by this, at the same toughness.")
-    ] = DEFAULT.refine,
-    seed: Annotated[int, typer.Option(help="Seed of the Voronoi packing.")] = DEFAULT.seed,
-    precision: Annotated[
-        str, typer.Option(help=f"Arithmetic: {', '.join(PRECISIONS)} (places in float64).")
-    ] = "float64",
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/mode-i"),
+def experiment(
+    name: str,
+    title: str,
+    parameters: type,
+    function: Callable[..., Result],
+    files: tuple[str, ...],
+    progress: Callable[[Any, Any], Observer],
+    closing: Callable[[Any], list[str]],
 ) -> None:
-    """A tensile crack along a weak plane of a strained plate: its speed over the Rayleigh speed."""
-    console.print(f"warpdem {version('warpdem')}: mode I crack in a strained plate")
-    parameters = experiments.ModeI(
-        length=length,
-        height=height,
-        spacing=spacing,
-        notch=notch,
-        strain=strain,
-        young=young,
-        poisson=poisson,
-        density=density,
-        strength=strength,
-        bulk_strength=bulk_strength,
-        criterion=criterion,
-        packing=packing,
-        refine=refine,
-        seed=seed,
-    )
+    """Make an experiment a command whose options are the fields of its parameters.
 
-    def progress(_: Simulation, crack: CrackTracker) -> list[Observer]:
-        return [CrackProgress(crack, notch, crack.stop_at)]
+    files: what it writes; progress: makes the observer that shows how far it is, of the parameters
+    and of what the experiment hands to `observers`; closing: lines about the result.
+    """
 
-    result = experiments.mode_i(
-        parameters,
-        device=device,
-        precision=precision,
-        out=out,
-        observers=progress,
-        say=console.print,
-    )
-    if np.isfinite(result.speed_over_rayleigh):
-        console.print(
-            f"terminal speed / Rayleigh speed: {result.speed_over_rayleigh:.3f} "
-            f"(max - min of its windows {result.speed_spread:.3f}); "
-            f"Rayleigh speed {result.rayleigh_speed:.0f} m/s"
+    def command(precision: str, device: str, out: Path, **given: Any) -> None:
+        console.print(f"warpdem {version('warpdem')}: {title}")
+        chosen = parameters(**given | {k: read_criterion(given[k]) for k in written})
+        result = function(
+            chosen,
+            device=device,
+            precision=precision,
+            out=out,
+            observers=lambda _, measured: [progress(chosen, measured)],
+            say=console.print,
         )
-    else:
+        for line in closing(result):
+            console.print(line)
         console.print(
+            f"energy error {result.energy_error:.1e}; broken bonds {result.broken_bonds}; "
+            f"{result.element_steps_per_second / 1e6:.1f} million element-steps/s; "
+            f"{result.seconds:.0f} s in all"
+        )
+        console.print(f"written to {out}: {' '.join(files)}")
+
+    hints = get_type_hints(parameters, include_extras=True)
+    written: list[str] = []  # criteria, in words
+    options = []
+    for f in fields(parameters):
+        hint, default = hints[f.name], f.default
+        if isinstance(default, Criterion):
+            written.append(f.name)
+            hint, default = Annotated[str, hint.__metadata__[0]], write_criterion(default)
+        options.append(_option(f.name, hint, default))
+    arithmetic = f"Arithmetic: {', '.join(PRECISIONS)} (places in float64)."
+    options += [
+        _option("precision", Annotated[str, arithmetic], "float64"),
+        _option("device", Annotated[str, "cpu or cuda."], "cpu"),
+        _option("out", Annotated[Path, "Folder for the results."], Path("out") / name),
+    ]
+    command.__signature__ = Signature(options)  # type: ignore[attr-defined]
+    command.__annotations__ = {}
+    command.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
+    run.command(name)(command)
+
+
+def _option(name: str, hint: Any, default: Any) -> Parameter:
+    assert get_origin(hint) is Annotated and default is not MISSING
+    kind: Any = hint.__origin__
+    option = Annotated[kind, typer.Option(help=hint.__metadata__[0])]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=option)
+
+
+def _crack_progress(p: experiments.ModeI, crack: CrackTracker) -> Observer:
+    scale, unit = unit_of(crack.stop_at)
+
+    def done() -> tuple[float, str]:
+        tip = min(crack.tip, crack.stop_at) if np.isfinite(crack.tip) else p.notch
+        return tip - p.notch, f"{tip * scale:.4g}"
+
+    return Advance("crack", f"{crack.stop_at * scale:.4g} {unit}", crack.stop_at - p.notch, done)
+
+
+def _crack_closing(result: ModeIResult) -> list[str]:
+    if not np.isfinite(result.speed_over_rayleigh):
+        return [
             "the crack did not run far enough for a terminal speed; raise --strain or lower "
             "--strength"
+        ]
+    return [
+        f"terminal speed / Rayleigh speed: {result.speed_over_rayleigh:.3f} "
+        f"(max - min of its windows {result.speed_spread:.3f}); "
+        f"Rayleigh speed {result.rayleigh_speed:.0f} m/s"
+    ]
+
+
+experiment(
+    "mode-i",
+    "mode I crack in a strained plate",
+    experiments.ModeI,
+    experiments.mode_i,
+    MODE_I_FILES,
+    _crack_progress,
+    _crack_closing,
+)
+
+
+def _load_progress(p: Rock, rig: Rig) -> Observer:
+    def done() -> tuple[float, str]:
+        stress = p.sign * rig.history.stress if len(rig.history.time) else np.zeros(1)
+        return float(stress[-1]), f"{stress[-1] / 1e6:.4g}"
+
+    most = f"{rig.strength / 1e6:.4g} MPa that the criterion bears"
+    return Advance("stress", most, rig.strength, done)
+
+
+def _rock_closing(result: RockResult) -> list[str]:
+    p = result.parameters
+    lines = [
+        f"{p.title}: {p.stress_name} {result.strength / 1e6:.4g} MPa at the peak, "
+        f"{result.strength / result.criterion_strength:.3f} of the criterion's "
+        f"{result.criterion_strength / 1e6:.4g} MPa in homogeneous stress; first bond broken at "
+        f"{result.first_break_stress / 1e6:.4g} MPa"
+    ]
+    if np.isfinite(result.young):
+        lines.append(
+            f"Young's modulus {result.young / 1e9:.4g} GPa (given {p.young / 1e9:.4g}), Poisson's "
+            f"ratio {result.poisson:.4f} (given {p.poisson:g})"
         )
-    console.print(
-        f"energy error {result.energy_error:.1e}; broken bonds {result.broken_bonds}; "
-        f"{result.element_steps_per_second / 1e6:.1f} million element-steps/s; "
-        f"{result.seconds:.0f} s in all"
+    if np.isfinite(result.fracture_angle):
+        lines.append(
+            f"densest band of broken bonds {result.fracture_angle:.0f} degrees to the load "
+            f"(expected {result.expected_angle:.0f}), {result.band_share:.0%} of them in it; "
+            f"{result.tensile_breaks} bonds broke in tension, {result.shear_breaks} in shear"
+        )
+    return lines
+
+
+for _parameters, _function in (
+    (experiments.Tension, experiments.tension),
+    (experiments.Compression, experiments.compression),
+    (experiments.Confined, experiments.confined),
+    (experiments.Brazilian, experiments.brazilian),
+):
+    experiment(
+        _parameters.name,
+        _parameters.title.lower(),
+        _parameters,
+        _function,
+        ROCK_FILES,
+        _load_progress,
+        _rock_closing,
     )
-    console.print(f"written to {out}: crack.png crack.usd broken_bonds.csv run.json")
 
 
 @app.command()

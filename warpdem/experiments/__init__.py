@@ -1,5 +1,27 @@
 """Published experiments as functions, each also a command `warpdem run NAME`."""
 
+from .brazilian import Brazilian, brazilian
+from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
+from .rock import Rock, RockResult
+from .shared import Result
+from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
 
-__all__ = ["ModeI", "ModeIResult", "mode_i"]
+__all__ = [
+    "Brazilian",
+    "Compression",
+    "Confined",
+    "ModeI",
+    "ModeIResult",
+    "Result",
+    "Rock",
+    "RockResult",
+    "Specimen",
+    "Tension",
+    "brazilian",
+    "compression",
+    "confined",
+    "material_strength",
+    "mode_i",
+    "tension",
+]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from math import inf, nan, sqrt
+from dataclasses import dataclass, field
+from math import inf, sqrt
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +20,14 @@ from ..observe import CrackTracker, Snapshot
 from ..packing import Packing
 from ..scene import Scene
 from ..simulation import Observer, Simulation
-from ..write.record import describe_machine
-from ..write.whole import folder, unit_of, write_csv, write_json
+from ..write.whole import folder, unit_of, write_csv
+from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
 
 CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
 PACKINGS = ("hexagonal", "voronoi")
 RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
 GRIP_LAYERS = 2
-UNITS = {
-    "time": "s",
-    "x": "m",
-    "y": "m",
-    "z": "m",
-    "normal_stress": "Pa",
-    "shear_stress": "Pa",
-    "released_energy": "J",
-}
+FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "run.json")
 
 
 @dataclass(frozen=True)
@@ -50,20 +43,22 @@ class ModeI:
     with the strain.
     """
 
-    length: float = 3e-3
-    height: float = 1.05e-3
-    spacing: float = 1e-5
-    notch: float = 0.25e-3
-    strain: float = 0.0006
-    young: float = 75e9
-    poisson: float = 0.25
-    density: float = 2500.0
-    strength: float = 180e6  # tensile strength of the weak plane at `spacing`
-    bulk_strength: float = inf  # strength elsewhere over that of the weak plane
-    criterion: str = "drucker-prager"
-    packing: str = "hexagonal"
-    refine: int = 1  # divides the spacing; strength grows by its root, so that K_Ic stays
-    seed: int = 0  # of the Voronoi packing
+    length: Annotated[float, "Length of the plate, m."] = 3e-3
+    height: Annotated[float, "Height of the plate, m."] = 1.05e-3
+    spacing: Annotated[float, "Distance of elements, m."] = 1e-5
+    notch: Annotated[float, "Length of the notch, m."] = 0.25e-3
+    strain: Annotated[float, "Strain across the crack."] = 0.0006
+    young: Annotated[float, "Young's modulus, Pa."] = 75e9
+    poisson: Annotated[float, "Poisson's ratio."] = 0.25
+    density: Annotated[float, "Density, kg/m^3."] = 2500.0
+    strength: Annotated[float, "Tensile strength of the weak plane at this spacing, Pa."] = 180e6
+    bulk_strength: Annotated[
+        float, "Strength elsewhere over the weak plane's; inf: unbreakable."
+    ] = inf
+    criterion: Annotated[str, f"When a bond breaks: {', '.join(CRITERIA)}."] = "drucker-prager"
+    packing: Annotated[str, f"Arrangement of elements: {', '.join(PACKINGS)}."] = "hexagonal"
+    refine: Annotated[int, "Divide the spacing by this; strength grows by its root."] = 1
+    seed: Annotated[int, "Seed of the Voronoi packing."] = 0
 
     def __post_init__(self) -> None:
         one_of("criterion", self.criterion, CRITERIA)
@@ -108,32 +103,18 @@ class ModeI:
 
 
 @dataclass
-class ModeIResult:
+class ModeIResult(Result):
     """What came out. Speeds are over the Rayleigh speed of plane strain."""
 
     speed_over_rayleigh: float
     speed_spread: float
-    energy_error: float
-    broken_bonds: int
-    element_steps_per_second: float
-    seconds: float
-    steps: int
-    elements: int
-    bonds: int
-    dt: float
-    dt_limit: float
-    dt_bound: float
     rayleigh_speed: float
     window_length: NDArray = field(repr=False)
     window_speed_over_rayleigh: NDArray = field(repr=False)
-    simulation: Simulation = field(repr=False)
     crack: CrackTracker = field(repr=False)
     field: Snapshot = field(repr=False)
 
-    def numbers(self) -> dict[str, object]:
-        """The result without the simulation itself."""
-        skipped = ("simulation", "crack", "field")
-        return {k: v for k, v in vars(self).items() if k not in skipped}
+    objects = ("simulation", "crack", "field")
 
 
 def mode_i(
@@ -143,7 +124,7 @@ def mode_i(
     precision: str = "float64",
     out: str | Path | None = None,
     observers: Callable[[Simulation, CrackTracker], list[Observer]] | None = None,
-    say: Callable[[str], None] = lambda line: None,
+    say: Say = silent,
     frames: int = 24,
 ) -> ModeIResult:
     """Run a mode I crack and measure its speed.
@@ -167,8 +148,9 @@ def mode_i(
     for side in ("top", "bottom"):
         scene.hold(body, plate.side(side, GRIP_LAYERS))
 
-    say("compiling kernels, once for each kind of scene; later runs take them from disk")
-    sim = Simulation(scene, device=device, precision=precision)
+    scale, unit = unit_of(p.length)
+    size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
+    sim = build(scene, device, precision, say, size)
     rayleigh = p.material.rayleigh_speed("strain")
     window = p.length / 12.0
     # the last twelfth of the plate feels the free edge and is left out
@@ -179,15 +161,6 @@ def mode_i(
     sim.observe(picture)
     longest = 2.5 * (p.length - p.notch) / rayleigh
     likely = round((p.length - p.notch) / (0.9 * rayleigh * sim.dt))
-    scale, unit = unit_of(p.length)
-    say(
-        f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
-        f"{sim.bytes / 1e6:.0f} MB; plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    )
-    say(
-        f"dt {sim.dt:.4g} s, 0.8 of the stability limit {sim.dt_limit:.4g} s found by iteration "
-        f"(rigorous bound {sim.dt_bound:.4g} s)"
-    )
     say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s; the notch opens suddenly")
     if where is not None:
         from ..write.usd import UsdWriter
@@ -198,37 +171,20 @@ def mode_i(
     sim.run(until=longest)
 
     result = ModeIResult(
+        **run_numbers(sim),
         speed_over_rayleigh=crack.speed / rayleigh,
         speed_spread=crack.spread / rayleigh,
-        energy_error=sim.energy_error,
-        broken_bonds=len(crack.log),
-        element_steps_per_second=sim.rate,
-        seconds=nan,
-        steps=sim.steps,
-        elements=sim.model.elements,
-        bonds=sim.model.bonds,
-        dt=sim.dt,
-        dt_limit=sim.dt_limit,
-        dt_bound=sim.dt_bound,
         rayleigh_speed=rayleigh,
         window_length=crack.length,
         window_speed_over_rayleigh=crack.window_speed / rayleigh,
-        simulation=sim,
         crack=crack,
         field=picture,
     )
-    if where is not None:
+    if where is None:
+        result.seconds = time.perf_counter() - began
+    else:
         _write(where, p, result, precision, tip_place)
-    result.seconds = time.perf_counter() - began
-    if where is not None:
-        record = {
-            "experiment": "mode-i",
-            "parameters": asdict(p) | {"precision": precision, "device": str(sim.device)},
-            **result.numbers(),
-            "energy": sim.energy(),
-            "machine": describe_machine(),
-        }
-        write_json(where / "run.json", record)
+        write_record(where, "mode-i", p, result, began)
     return result
 
 

@@ -49,7 +49,7 @@ def draw_field(
     fig = Figure(figsize=(8.5, 6.5), layout="constrained")
     ax = fig.add_subplot()
     cells = PolyCollection(
-        [factor * c for c in _cells(packing)], cmap=colours, edgecolors="face", linewidths=0.2
+        [factor * c for c in outlines(packing)], cmap=colours, edgecolors="face", linewidths=0.2
     )
     cells.set_array(shown)
     cells.set_clim(*limits)
@@ -71,7 +71,7 @@ def draw_field(
         fig.savefig(part, dpi=130)
 
 
-def _cells(packing: Packing) -> list[Array]:
+def outlines(packing: Packing) -> list[Array]:
     """Corners of every cell: ends of its faces, and its centre where it meets the surface."""
     assert packing.area is not None and packing.arms is not None
     n = packing.bond_vector / packing.bond_length[:, None]

@@ -1,0 +1,152 @@
+"""What all experiments share: what they tell, what they measure of a run, what they write."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from .. import criteria
+from ..criteria import Criterion
+from ..errors import InputError, one_of
+from ..scene import Scene
+from ..simulation import Simulation
+from ..write.record import describe_machine
+from ..write.whole import write_json
+
+Say = Callable[[str], None]
+# of the log of broken bonds
+UNITS = {
+    "time": "s",
+    "x": "m",
+    "y": "m",
+    "z": "m",
+    "normal_stress": "Pa",
+    "shear_stress": "Pa",
+    "released_energy": "J",
+}
+
+
+def silent(line: str) -> None:
+    """Tell nobody."""
+
+
+@dataclass
+class Result:
+    """What is reported of every run."""
+
+    energy_error: float
+    broken_bonds: int
+    element_steps_per_second: float
+    seconds: float
+    steps: int
+    elements: int
+    bonds: int
+    dt: float
+    dt_limit: float
+    dt_bound: float
+    simulation: Simulation = field(repr=False)
+
+    objects: ClassVar[tuple[str, ...]] = ("simulation",)  # that are no numbers
+
+    def numbers(self) -> dict[str, object]:
+        """The result without the simulation itself."""
+        return {k: v for k, v in vars(self).items() if k not in self.objects}
+
+
+def run_numbers(sim: Simulation) -> dict[str, Any]:
+    """The fields of `Result`, of a run just made."""
+    return {
+        "energy_error": sim.energy_error,
+        "broken_bonds": len(sim.broken_bonds()),
+        "element_steps_per_second": sim.rate,
+        "seconds": float("nan"),
+        "steps": sim.steps,
+        "elements": sim.model.elements,
+        "bonds": sim.model.bonds,
+        "dt": sim.dt,
+        "dt_limit": sim.dt_limit,
+        "dt_bound": sim.dt_bound,
+        "simulation": sim,
+    }
+
+
+def build(
+    scene: Scene, device: str, precision: str, say: Say, size: str, local_damping: float = 0.0
+) -> Simulation:
+    """The simulation of a scene; tells its size and its time step."""
+    say("compiling kernels, once for each kind of scene; later runs take them from disk")
+    sim = Simulation(scene, device=device, precision=precision, local_damping=local_damping)
+    say(
+        f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
+        f"{sim.bytes / 1e6:.0f} MB; {size}"
+    )
+    say(
+        f"dt {sim.dt:.4g} s, 0.8 of the stability limit {sim.dt_limit:.4g} s found by iteration "
+        f"(rigorous bound {sim.dt_bound:.4g} s)"
+    )
+    return sim
+
+
+def write_record(
+    where: Path, experiment: str, parameters: Any, result: Result, began: float
+) -> None:
+    """run.json: all parameters, numbers, energies and versions; `began`: when, for the seconds."""
+    sim = result.simulation
+    result.seconds = time.perf_counter() - began
+    given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
+    record = {
+        "experiment": experiment,
+        "parameters": given | {"precision": sim.precision, "device": str(sim.device)},
+        **result.numbers(),
+        "energy": sim.energy(),
+        "machine": describe_machine(),
+    }
+    write_json(where / "run.json", record)
+
+
+def read_criterion(text: str) -> Criterion:
+    """A fracture criterion written as a name and numbers, such as drucker-prager:50e6,5.
+
+    Numbers in the order of the class of that name in `criteria`, or as name=number.
+    """
+    known = {
+        _kebab(name): kind
+        for name, kind in vars(criteria).items()
+        if isinstance(kind, type) and is_dataclass(kind) and hasattr(kind, "kind")
+    }
+    name, _, rest = text.partition(":")
+    one_of("criterion", name, known)
+    wanted = [f.name for f in fields(known[name])]
+    try:
+        numbers = {}
+        for place, part in enumerate(rest.split(",")):
+            key, _, value = part.rpartition("=")
+            numbers[key or wanted[place]] = float(value)
+        return known[name](**numbers)  # type: ignore[return-value]
+    except (TypeError, IndexError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"criterion is {text!r}; {name} takes numbers: write "
+            f"{name}:{','.join(w + '=...' for w in wanted)}."
+        ) from None
+
+
+def write_criterion(criterion: Criterion) -> str:
+    """A criterion as `read_criterion` reads it."""
+    numbers = (f"{f.name}={getattr(criterion, f.name):g}" for f in fields(criterion))
+    return f"{_kebab(type(criterion).__name__)}:{','.join(numbers)}"
+
+
+def _kebab(name: str) -> str:
+    return "".join("-" + c.lower() if c.isupper() else c for c in name).lstrip("-")
+
+
+def _told(value: Any) -> Any:
+    """A parameter as run.json keeps it: objects by the name of their class."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {"class": type(value).__name__, **asdict(value)}
+    return value
