@@ -16,7 +16,7 @@ from .stability import bound_damping, bound_frequency, largest_frequency, link_s
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
-from .trouble import Troubles
+from .trouble import Slips, Troubles
 
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping and plastic flow took
@@ -46,7 +46,8 @@ class Simulation:
     iteration on the scene itself; a larger one than the limit is refused unless `force_dt`.
     local_damping: Cundall's, a share of each net force, only for quasi-static scenes (theory A8).
     trouble: what happens when an EVM bond is twisted, bent or crushed beyond what its energy stands
-    for (theory A5): "warn" once a bond, or "stop" with a TroubledBondError.
+    for (theory A5), or plastic flow goes beyond small strain (a bond's slip beyond 0.3 of its
+    length, theory B2a): "warn" once a bond, of flow once, or "stop" with a TroubledBondError.
     simd: vectorise the CPU's loops where this Warp allows it.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
@@ -115,6 +116,9 @@ class Simulation:
         self._troubles = None
         if self.model.evm_bonds:
             self._troubles = Troubles(self.model, self._ids(), stops=trouble == "stop")
+        self._slips = None
+        if self.model.yielding:
+            self._slips = Slips(self.model, self._ids(), stops=trouble == "stop")
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
         self._stopped = False
@@ -166,10 +170,11 @@ class Simulation:
     ) -> float:
         """Bring the scene to rest by steered motion (FIRE), on the device.
 
-        Grips stand still, no bond breaks and no time passes. tolerance: greatest net force over the
-        greatest bond force, by default 1e-6, 1e-5 in mixed and 1e-3 in float32; tell: called
-        with the step and that residual from time to time. Returns
-        the residual; the energy ledger starts anew. Raises NotConvergedError.
+        Grips stand still, no bond breaks, nothing flows and no time passes: slips stay as they are,
+        and what is beyond the flow stress then returns in the next step of a run. tolerance:
+        greatest net force over the greatest bond force, by default 1e-6, 1e-5 in mixed and 1e-3 in
+        float32; tell: called with the step and that residual from time to time. Returns the
+        residual; the energy ledger starts anew. Raises NotConvergedError.
         """
         if tolerance is None:
             tolerance = {"float64": 1e-6, "mixed": 1e-5, "float32": 1e-3}[self.precision]
@@ -550,6 +555,8 @@ class Simulation:
                 )
         if self._troubles is not None:
             self._troubles.check(self._step)
+        if self._slips is not None:
+            self._slips.check(self._step)
 
 
 def _device(name: str) -> str:

@@ -1,4 +1,4 @@
-"""EVM bonds deformed beyond what their energy stands for (theory A5): told once, with ids."""
+"""Bonds deformed beyond what their law stands for (theory A5, B2a): told once, with ids."""
 
 import warnings
 from math import degrees, pi
@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from .errors import Array, ModelWarning, TroubledBondError
 from .kernels.evm import CRUSHED
-from .model import Model
+from .model import Model, bond_ends
 from .step import Step
 
 TWIST = pi / 3.0  # torsion is 17 % soft here; its moment falls from pi/2 on
 TURN = 0.95 * pi  # angles of bonds with large_rotation have a kink at pi
 KINDS = ("twisted", "bent", "crushed")
+SLIP = 0.3  # of a bond's length: beyond, its face is no longer the one it was (theory B2a)
 TYPE = [("bond", int), ("i", int), ("j", int), ("step", int), ("kind", "U8"), ("value", float)]
 ADVICE = {
     "twisted": "take more bonds along the length, or EVMBond(large_rotation=True)",
@@ -98,3 +99,54 @@ class Troubles:
             f"at step {step} these EVM bonds are {kind} beyond the range of their energy: "
             f"{', '.join(shown)}{more}; {ADVICE[kind]}."
         )
+
+
+class Slips:
+    """Whether plastic flow of a simulation has left the range of small strain; told once."""
+
+    def __init__(self, model: Model, ids: NDArray[np.int64], stops: bool) -> None:
+        self._model, self._ids, self._stops = model, ids, stops
+        ends = bond_ends(model)
+        self._length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        self._told = False
+
+    def check(self, step: Step) -> None:
+        """Look at the slips of all bonds; the first time that some are too long, warn, or raise if
+        it is to stop the run."""
+        if self._told:
+            return
+        share = self._shares(step)
+        far = np.flatnonzero(share > SLIP)
+        if len(far) == 0:
+            return
+        self._told = True
+        shown = []
+        for b in far[:5]:
+            i, j = self._ids[self._model.own_pairs[b]]
+            shown.append(f"{b} (elements {i} and {j}) by {share[b]:.2f}")
+        more = f" and {len(far) - 5} more" if len(far) > 5 else ""
+        message = (
+            f"at step {step.count} plastic flow has slipped bonds by more than {SLIP:g} of their "
+            f"length: {', '.join(shown)}{more}; faces are not renewed, so this is beyond the small "
+            "strain that flow is described at (docs/plasticity.md): load less, harden more, or let "
+            "such bonds break."
+        )
+        if self._stops:
+            raise TroubledBondError(message)
+        warnings.warn(message, ModelWarning, stacklevel=4)
+
+    def _shares(self, step: Step) -> Array:
+        """Slip of every bond of the packings over its length, (b,)."""
+        m = self._model
+        share = np.zeros(m.bonds)
+        if m.facet_bonds:
+            slip = np.linalg.norm(step.download("bond_slip"), axis=1).reshape(-1, 2).sum(axis=1)
+            share[: m.facet_bonds] = slip / self._length[: m.facet_bonds]
+        if m.evm_bonds:
+            # along the bond, and across it at the mean of what both ends have tilted by
+            tilt = np.linalg.norm(step.download("evm_tilt"), axis=1).reshape(-1, 2).mean(axis=1)
+            along = step.download("evm_slip") / m.evm_length
+            share[m.facet_bonds :] = np.hypot(along, tilt)
+        if m.node_bonds is not None:
+            share[m.node_bonds] = np.maximum(share[m.node_bonds], share[m.second_bonds])
+        return share[m.own_bonds]
