@@ -47,7 +47,7 @@ for name, stress, exact in (
     ("strength: as sqrt(spacing)", by_strength, np.sqrt(np.array(SPACINGS) / SPACINGS[0])),
 ):
     kept = stress / exact
-    print(f"{name}, error {100 * (kept.max() / kept.min() - 1):.1f} %")
+    print(f"{name}, error {100 * (kept.max() / kept.min() - 1):.1f}%")
 
 fig = Figure(figsize=(6.5, 4.2), layout="constrained")
 ax = fig.subplots()

@@ -166,8 +166,8 @@ def test_eq14_threshold_is_the_compressive_strength():
     law = wd.DruckerPrager(compression=3.0, ratio=3.0)
     tension = np.diag([1.0, 0, 0])
     assert law.tension == 1.0
-    assert reference.equivalent_stress(tension, law.kind, law.ratio) == pytest.approx(3.0)
-    assert reference.equivalent_stress(-3.0 * tension, law.kind, law.ratio) == pytest.approx(3.0)
+    assert reference.equivalent_stress(tension, law.kind, law.numbers) == pytest.approx(3.0)
+    assert reference.equivalent_stress(-3.0 * tension, law.kind, law.numbers) == pytest.approx(3.0)
 
 
 def test_eq13_in_space_needs_the_shear_within_the_face():

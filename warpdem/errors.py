@@ -21,7 +21,7 @@ class NonFiniteError(RuntimeError):
 
 
 class TroubledBondError(RuntimeError):
-    """An EVM bond left the range of its energy; the message names it, its angle and the step."""
+    """A bond left the range of its law; the message names it, how far and the step."""
 
 
 class NotConvergedError(RuntimeError):

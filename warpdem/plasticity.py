@@ -11,7 +11,10 @@ from .errors import Array, InputError, finite, positive
 
 @dataclass(frozen=True)
 class Voce:
-    """Hardening that saturates: saturation (1 - exp(-rate p)) + modulus p [Pa]."""
+    """Hardening that saturates: saturation (1 - exp(-rate p)) + modulus p [Pa].
+
+    A saturation below zero softens, down to a flow stress that must stay above zero.
+    """
 
     saturation: float
     rate: float
@@ -22,12 +25,22 @@ class Voce:
     def __post_init__(self) -> None:
         finite("saturation", self.saturation, ())
         positive("rate", self.rate, ())
-        finite("modulus", self.modulus, ())
+        _not_negative(self.modulus)
 
     @property
     def numbers(self) -> tuple[float, float, float]:
         """What the device's law takes."""
         return self.saturation, self.rate, self.modulus
+
+    @property
+    def least(self) -> float:
+        """Least growth of the flow stress [Pa]."""
+        return min(self.saturation, 0.0)
+
+    @property
+    def fall(self) -> float:
+        """Steepest softening, -d(stress)/dp [Pa], or 0."""
+        return max(-self.saturation * self.rate - self.modulus, 0.0)
 
     def stress(self, p: Array) -> Array:
         """Growth of the flow stress at plastic strains p [Pa]."""
@@ -46,6 +59,8 @@ class PowerLaw:
     offset: float = 0.0
 
     kind: ClassVar[str] = "power"
+    least: ClassVar[float] = 0.0
+    fall: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         positive("modulus", self.modulus, ())
@@ -71,9 +86,11 @@ class Linear:
     modulus: float
 
     kind: ClassVar[str] = "linear"
+    least: ClassVar[float] = 0.0
+    fall: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
-        finite("modulus", self.modulus, ())
+        _not_negative(self.modulus)
 
     @property
     def numbers(self) -> tuple[float, float, float]:
@@ -89,7 +106,8 @@ class Linear:
 class Table:
     """Hardening as measured: growth of the flow stress [Pa] at plastic strains that rise from 0.
 
-    Between points it is linear, beyond the last one constant.
+    Between points it is linear, beyond the last one constant. It may fall: softening gathers in
+    bands one element wide, so that what is dissipated depends on the elements' size.
     """
 
     plastic_strain: Sequence[float]
@@ -106,6 +124,16 @@ class Table:
             raise InputError("a hardening table starts with growth 0 at plastic strain 0.")
         object.__setattr__(self, "plastic_strain", tuple(p.tolist()))
         object.__setattr__(self, "growth", tuple(g.tolist()))
+
+    @property
+    def least(self) -> float:
+        """Least growth of the flow stress [Pa]."""
+        return min(self.growth)
+
+    @property
+    def fall(self) -> float:
+        """Steepest softening, -d(stress)/dp [Pa], or 0."""
+        return float(np.max(-np.diff(self.growth) / np.diff(self.plastic_strain), initial=0.0))
 
     def stress(self, p: Array) -> Array:
         """Growth of the flow stress at plastic strains p [Pa]."""
@@ -189,7 +217,8 @@ class Nikolaevsky:
     q: stress intensity; m: mean stress, tension positive; yield_stress: Y [Pa], that of q where
     m = 0; friction: alpha, >= 0; dilatancy: growth of the volume strain over that of the
     plastic strain, from 0 to friction. Uniaxial compression flows at Y/(1 - alpha/3), tension at
-    Y/(1 + alpha/3). Not for plane stress.
+    Y/(1 + alpha/3). Where tension leaves no deviator (the cone's tip) volume grows until
+    alpha m = Y; without dilatancy any m stays. Not for plane stress.
     """
 
     yield_stress: float
@@ -218,11 +247,32 @@ class Nikolaevsky:
 YieldLaw = VonMises | Nikolaevsky
 
 
+def softening(law: YieldLaw) -> float:
+    """Steepest fall of the flow stress, -d(stress)/dp [Pa], or 0."""
+    assert not isinstance(law.hardening, int | float)
+    return law.hardening.fall
+
+
+def _not_negative(modulus: float) -> None:
+    if finite("modulus", modulus, ()) < 0.0:
+        raise InputError(
+            f"the hardening modulus is {modulus:g} Pa; it must not be negative: give softening as "
+            "a Table, whose end is the residual stress."
+        )
+
+
 def _complete(law: YieldLaw) -> None:
     """Check hardening and rate; a number for hardening is a modulus."""
     if isinstance(law.hardening, int | float):
         object.__setattr__(law, "hardening", Linear(float(law.hardening)))
     elif not isinstance(law.hardening, Hardening):
         raise InputError("hardening is a modulus [Pa], or Voce, PowerLaw or Table.")
+    assert isinstance(law.hardening, Hardening)
+    left = law.yield_stress + law.hardening.least
+    if left <= 0.0:
+        raise InputError(
+            f"the flow stress would fall to {left:g} Pa; let it soften to a residual stress above "
+            "zero."
+        )
     if law.rate is not None and not isinstance(law.rate, Rate):
         raise InputError("rate is Perzyna, JohnsonCook or None.")

@@ -13,7 +13,7 @@ from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, 
 from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
 from .material import Material
 from .packing import Mask, Packing
-from .plasticity import Nikolaevsky, VonMises, YieldLaw
+from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
 from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 
@@ -679,6 +679,13 @@ def _yield_laws(
         )
     if isinstance(bond, EVMBond) and bond.large_rotation:
         raise InputError("EVM bonds with large_rotation do not yield; leave large_rotation out.")
+    for law, material in zip(laws, materials, strict=True):
+        if law is not None and softening(law) >= 0.25 * material.young:
+            raise InputError(
+                f"the flow stress falls by {softening(law):g} Pa per unit of plastic strain; it "
+                f"must fall less than a quarter of Young's modulus, {0.25 * material.young:g} Pa, "
+                "or stresses would jump."
+            )
     if packing.plane == "stress" and any(isinstance(law, Nikolaevsky) for law in laws):
         raise InputError("Nikolaevsky's flow is for plane strain and space, not plane stress.")
     return laws

@@ -47,8 +47,8 @@ class Simulation:
     iteration on the scene itself; a larger one than the limit is refused unless `force_dt`.
     local_damping: Cundall's, a share of each net force, only for quasi-static scenes (theory A8).
     trouble: what happens when an EVM bond is twisted, bent or crushed beyond what its energy stands
-    for (theory A5), or a viscous facet bond has crept by 0.3 of its length: "warn" once, or "stop"
-    with a TroubledBondError.
+    for (theory A5), or slips of plastic flow or creep go beyond 0.3 of a bond's length (theory
+    B2a): "warn" once a bond, of slips once, or "stop" with a TroubledBondError.
     simd: vectorise the CPU's loops where this Warp allows it.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
@@ -117,8 +117,9 @@ class Simulation:
         self._troubles: list[Troubles | Slips] = []
         if self.model.evm_bonds:
             self._troubles.append(Troubles(self.model, self._ids(), stops=trouble == "stop"))
+        if self.model.features.faces.has_slip:
+            self._troubles.append(Slips(self.model, self._ids(), stops=trouble == "stop"))
         if self.model.features.branches:
-            self._troubles.append(Slips(self.model, stops=trouble == "stop"))
             self._tell_of_times()
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
@@ -171,10 +172,11 @@ class Simulation:
     ) -> float:
         """Bring the scene to rest by steered motion (FIRE), on the device.
 
-        Grips stand still, no bond breaks and no time passes. tolerance: greatest net force over the
-        greatest bond force, by default 1e-6, 1e-5 in mixed and 1e-3 in float32; tell: called
-        with the step and that residual from time to time. Returns
-        the residual; the energy ledger starts anew. Raises NotConvergedError.
+        Grips stand still, no bond breaks, nothing flows and no time passes: slips stay as they are,
+        and what is beyond the flow stress then returns in the next step of a run. tolerance:
+        greatest net force over the greatest bond force, by default 1e-6, 1e-5 in mixed and 1e-3 in
+        float32; tell: called with the step and that residual from time to time. Returns the
+        residual; the energy ledger starts anew. Raises NotConvergedError.
         """
         if tolerance is None:
             tolerance = {"float64": 1e-6, "mixed": 1e-5, "float32": 1e-3}[self.precision]
@@ -454,9 +456,9 @@ class Simulation:
     def troubled_bonds(self) -> NDArray[np.void]:
         """Bonds found beyond what their energy stands for, a structured array with the fields
 
-        bond, i, j, step (when it was found), kind ("twisted", "bent" or "crushed" EVM bonds, or
-        "crept" facet bonds) and value: the angle [rad], the bond's length over that at rest, or the
-        slip over the length.
+        bond, i, j, step (when it was found), kind ("twisted", "bent" or "crushed" EVM bonds,
+        "flowed" or "crept" ones) and value: the angle [rad], the bond's length over that at rest,
+        or the slip over the length.
         """
         return np.concatenate([np.zeros(0, dtype=TROUBLE_TYPE), *(t.log for t in self._troubles)])
 

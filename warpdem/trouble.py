@@ -1,4 +1,4 @@
-"""Bonds deformed beyond what their energy stands for (theory A5, B2a): told once, with ids."""
+"""Bonds deformed beyond what their law stands for (theory A5, B2a): told once, with ids."""
 
 import warnings
 from math import degrees, pi
@@ -6,15 +6,15 @@ from math import degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, ModelWarning, TroubledBondError, first_ids
+from .errors import Array, ModelWarning, TroubledBondError
 from .kernels.evm import CRUSHED
 from .model import Model, bond_ends
 from .step import Step
 
 TWIST = pi / 3.0  # torsion is 17 % soft here; its moment falls from pi/2 on
 TURN = 0.95 * pi  # angles of bonds with large_rotation have a kink at pi
-SLIP = 0.3  # of a bond's length: where its face is no longer the one it was (theory B2a, a guess)
 KINDS = ("twisted", "bent", "crushed")
+SLIP = 0.3  # of a bond's length: beyond, its face is no longer the one it was (theory B2a)
 TYPE = [("bond", int), ("i", int), ("j", int), ("step", int), ("kind", "U8"), ("value", float)]
 ADVICE = {
     "twisted": "take more bonds along the length, or EVMBond(large_rotation=True)",
@@ -102,43 +102,71 @@ class Troubles:
 
 
 class Slips:
-    """Which facet bonds of a simulation have crept beyond the range of slips; told of once in all,
-    as a fluid's go one after the other."""
+    """Bonds whose slips, of plastic flow or creep, have left the range of small strain.
 
-    def __init__(self, model: Model, stops: bool) -> None:
-        ends = bond_ends(model)[: model.facet_bonds]
-        self._model, self._stops = model, stops
+    All are kept in the log; the first are told of, once for all, as what flows goes on flowing.
+    """
+
+    def __init__(self, model: Model, ids: NDArray[np.int64], stops: bool) -> None:
+        self._model, self._ids, self._stops = model, ids, stops
+        ends = bond_ends(model)
         self._length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-        self._told = np.zeros(model.facet_bonds, dtype=bool)
+        self._kind = "flowed" if model.yielding else "crept"
+        self._found = np.zeros(len(model.own_bonds), dtype=bool)
         self._rows: list[tuple] = []
 
     @property
     def log(self) -> NDArray[np.void]:
-        """Bonds found so far: bond, i, j, step, kind ("crept"), value (slip over length)."""
+        """Bonds found so far: bond, i, j, step, kind ("flowed", "crept"), value (slip over
+        length)."""
         return np.array(self._rows, dtype=TYPE)
 
     def check(self, step: Step) -> None:
-        """Look at all slips; warn of the first that are too great, or raise to stop the run."""
-        m = self._model
-        slip = step.download("bond_slip")[: 2 * m.facet_bonds].reshape(m.facet_bonds, 2, -1)
-        share = np.linalg.norm(slip, axis=2).sum(axis=1) / self._length
-        new = (share > SLIP) & ~self._told
-        if not new.any():
+        """Look at the slips of all bonds; the first time that some are too long, warn, or raise if
+        it is to stop the run."""
+        share = self._shares(step)
+        new = np.flatnonzero((share > SLIP) & ~self._found)
+        if len(new) == 0:
             return
-        is_first = not self._told.any()
-        self._told |= new
-        pairs = np.stack([m.bond_i, m.bond_j], axis=1)[: m.facet_bonds]
-        own = np.minimum(np.arange(m.facet_bonds), m.facet_bonds - m.nodes - 1)
+        is_first = not self._found.any()
+        self._found[new] = True
+        pairs = self._ids[self._model.own_pairs[new]]
         self._rows += [
-            (own[b], *pairs[b], step.count, "crept", share[b]) for b in np.flatnonzero(new)
+            (b, *pair, step.count, self._kind, share[b]) for b, pair in zip(new, pairs, strict=True)
         ]
         if not is_first:
             return
+        shown = ", ".join(
+            f"{b} (elements {i} and {j}) by {share[b]:.2f}"
+            for b, (i, j) in zip(new[:5], pairs, strict=False)
+        )
+        more = f" and {len(new) - 5} more" if len(new) > 5 else ""
+        advice = (
+            "load less, harden more, or let such bonds break"
+            if self._kind == "flowed"
+            else "load less, or for a shorter time"
+        )
         message = (
-            f"at step {step.count} bonds {first_ids(new)} have crept by {share.max():.2g} of their "
-            f"length; beyond {SLIP:g} their faces are no longer those between these elements, and "
-            "results are not to be trusted."
+            f"at step {step.count} bonds have {self._kind} by more than {SLIP:g} of their length: "
+            f"{shown}{more}; their faces are no longer those between these elements, and results "
+            f"are not to be trusted: {advice}."
         )
         if self._stops:
             raise TroubledBondError(message)
         warnings.warn(message, ModelWarning, stacklevel=4)
+
+    def _shares(self, step: Step) -> Array:
+        """Slip of every bond of the packings over its length, (b,)."""
+        m = self._model
+        share = np.zeros(m.bonds)
+        if m.facet_bonds:
+            slip = np.linalg.norm(step.download("bond_slip"), axis=1).reshape(-1, 2).sum(axis=1)
+            share[: m.facet_bonds] = slip / self._length[: m.facet_bonds]
+        if m.evm_bonds:
+            # along the bond, and across it at the mean of what both ends have tilted by
+            tilt = np.linalg.norm(step.download("evm_tilt"), axis=1).reshape(-1, 2).mean(axis=1)
+            along = step.download("evm_slip") / m.evm_length
+            share[m.facet_bonds :] = np.hypot(along, tilt)
+        if m.node_bonds is not None:
+            share[m.node_bonds] = np.maximum(share[m.node_bonds], share[m.second_bonds])
+        return share[m.own_bonds]
