@@ -14,6 +14,7 @@ from .plasticity import Nikolaevsky, Table, YieldLaw
 from .scene import Body, History, Scene, StrainHistory
 
 Ids = NDArray[np.int32]
+LEAST_SHAPE = 0.05  # smallest stretch of B, 1 where an element has all its faces
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {
@@ -43,6 +44,7 @@ class Features:
     large_rotation: bool
     has_evm: bool
     has_dilation: bool  # plastic flow changes volumes (of the plane, in plane stress)
+    finite_strain: bool
     slots: int
     faces: Faces
 
@@ -113,6 +115,7 @@ class Model:
     bond_face: Array | None = None  # (2 b + 2,): S q, that s_i sums
     element_two_shear: Array | None = None  # 2 G
     element_coupling: Array | None = None  # D
+    inverse_shape: Array | None = None  # (n, dim, dim) B^-1 of finite strain
     evm_dashpot: Array | None = None  # eta along, across [N s/m], bending, torsion [N m s]
     external_force: Array | None = None
     external_torque: Array | None = None
@@ -245,7 +248,12 @@ def state_arrays(
     if f.has_volume:
         assert model.bond_weight is not None
         state["bond_weight"] = model.bond_weight * linked[:-1]
-        state["end_dilation"] = np.zeros(f.slots * n)
+        if f.finite_strain:
+            state["centre_opening"] = np.zeros((b + 1, f.dim))
+            for name in ("displacement_gradient", "volume_pull"):
+                state[name] = np.zeros((n, f.dim, f.dim))
+        else:
+            state["end_dilation"] = np.zeros(f.slots * n)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
     if model.yielding:
@@ -256,7 +264,12 @@ def state_arrays(
         if f.plane == "strain":
             state["plastic_strain_zz"] = np.zeros(n)
         state["return_factor"] = np.ones(n)
-        state["return_mean"] = np.zeros(n)
+        if f.finite_strain:
+            state["trial_force"] = np.zeros((b + 1, f.dim))
+            for name in ("kirchhoff_stress", "spring_stress", "plastic_gradient"):
+                state[name] = np.zeros((n, f.dim, f.dim))
+        else:
+            state["return_mean"] = np.zeros(n)
         state["spring_force"] = np.zeros((b, f.dim))
         state["bond_dissipation"] = np.zeros(b)
         if model.facet_bonds:
@@ -265,9 +278,10 @@ def state_arrays(
             state["evm_slip"] = np.zeros(model.evm_bonds)
             state["evm_tilt"] = np.zeros((2 * model.evm_bonds, f.dim))
         if f.has_dilation:
-            for name in ("plastic_dilation", "return_growth", "last_dilation"):
+            for name in ("plastic_dilation", "last_dilation", "last_volume_stress"):
                 state[name] = np.zeros(n)
-            state["last_volume_stress"] = np.zeros(n)
+            if not f.finite_strain:
+                state["return_growth"] = np.zeros(n)
             state["element_dissipation"] = np.zeros(n)
     if model.criteria:
         assert model.listed_bonds is not None
@@ -356,10 +370,12 @@ def mean_stiffness(model: Model, linked: Array) -> Array:
     """m_i/(E_i - P_i) = 2 G / (3 - D s*) [Pa] for given links (theory B4)."""
     assert model.bond_face is not None and model.element_two_shear is not None
     assert model.element_coupling is not None
+    d, f = model.element_coupling, model.features
+    if f.finite_strain:  # dilations are whole at free surfaces too
+        return model.element_two_shear / (3.0 - d * (f.dim + f.plane_strain))
     face = model.bond_face * np.repeat(linked, 2)
     s = face[model.incidence].sum(axis=0) / model.element_volume
-    d = model.element_coupling
-    return model.element_two_shear / (3.0 - d * (s + model.features.plane_strain))
+    return model.element_two_shear / (3.0 - d * (s + f.plane_strain))
 
 
 def bond_ends(model: Model) -> Array:
@@ -376,9 +392,40 @@ def face_reach(model: Model) -> Array:
     assert model.bond_area is not None and model.bond_face is not None
     face = model.bond_face[:-2].reshape(-1, 2)  # S q, zero where no volume term acts
     reach = np.zeros(2 * model.bonds + 2)
-    square = (bond_ends(model) ** 2).sum(axis=2) * model.bond_area[:, None] ** 2
+    ends = bond_ends(model)
+    if model.inverse_shape is not None:  # the arms that dilations are made with
+        both = np.stack([model.bond_i, model.bond_j], axis=1)
+        ends = np.einsum("bsxy,bsx->bsy", model.inverse_shape[both], ends)
+    square = (ends**2).sum(axis=2) * model.bond_area[:, None] ** 2
     np.divide(square, face, out=reach[:-2].reshape(-1, 2), where=face > 0.0)
     return reach[model.incidence].sum(axis=0) / model.element_volume
+
+
+def _inverse_shape(model: Model, linked: Array) -> Array:
+    """B^-1 of every element (n, dim, dim), B = (1/V) sum w r (x) c over linked faces (theory B6).
+
+    r, from the element's centre to the other's; 0 for what has no faces of its own.
+    """
+    assert model.bond_weight is not None
+    n, dim = model.elements, model.features.dim
+    ends = bond_ends(model)
+    across = (model.bond_weight * linked)[:, None] * (ends[:, 0] - ends[:, 1])
+    shape = np.zeros((n, dim, dim))
+    for side, (element, sign) in enumerate(((model.bond_i, 1.0), (model.bond_j, -1.0))):
+        np.add.at(shape, element, sign * across[:, :, None] * ends[:, side, None, :])
+    shape /= model.element_volume[:, None, None]
+    size = np.linalg.svd(shape, compute_uv=False)
+    alone = size[:, 0] == 0.0
+    bad = ~alone & (size[:, -1] < LEAST_SHAPE)
+    if bad.any():
+        raise InputError(
+            f"elements {first_ids(bad)} have too few faces, or all near one plane, to have a "
+            "deformation gradient; leave them out (Packing.without) or finite_strain."
+        )
+    shape[alone] = np.eye(dim)
+    inverse: Array = np.linalg.inv(shape)
+    inverse[alone] = 0.0
+    return inverse
 
 
 def build(scene: Scene) -> Model:
@@ -415,6 +462,8 @@ def build(scene: Scene) -> Model:
         if scene.gravity.shape != (dim,):
             raise InputError(f"gravity has {len(scene.gravity)} components; give {dim}.")
         each["force"] += mass[:, None] * scene.gravity
+    if len({b.finite_strain for b in bodies}) > 1:
+        raise InputError("all bodies of a scene take finite_strain, or none does.")
     has_box = any(b.strain_history is not None for b in bodies)
     has_jump = has_box or any((b.shift @ b.mean_strain).any() for b in bodies)
     timed = [(b, load) for b in bodies for load in b.timed_loads]
@@ -438,6 +487,7 @@ def build(scene: Scene) -> Model:
         has_evm=bool(evm),
         has_dilation=bool(laws)
         and (packing.plane == "stress" or any(isinstance(x, Nikolaevsky) for x in laws)),
+        finite_strain=any(b.finite_strain for b in bodies),
         slots=len(incidence),
         faces=Faces(faces.is_central, has_jump=has_jump, has_slip=bool(laws)),
     )
@@ -488,6 +538,10 @@ def build(scene: Scene) -> Model:
     _add_laws(model, stored, each["two_shear"], faces)
     if features.has_volume:
         _add_volume(model, stored, each, faces)
+    if features.finite_strain:
+        linked = np.concatenate([b.linked for b in stored])
+        linked = np.insert(linked, [facet_bonds - len(node_bonds)] * len(node_bonds), True)
+        model.inverse_shape = _inverse_shape(model, linked)
     if laws:
         _add_yielding(model, bodies)
     if any(mask.any() for mask in unlinked):

@@ -40,6 +40,7 @@ class Body:
     has_volume: bool
     facet_bending: bool
     yielding: tuple[YieldLaw | None, ...]  # of each material
+    finite_strain: bool = False
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -159,6 +160,7 @@ class Scene:
         grain: ArrayLike | None = None,
         facet_bending: bool = False,
         yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
+        finite_strain: bool = False,
     ) -> Body:
         """Add a body.
 
@@ -170,6 +172,8 @@ class Scene:
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
         facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
         yielding: the law by which elements flow, or one (or None) for each material; None: elastic.
+        finite_strain: volumes, stresses and flow follow the elements' deformation gradients, for
+        plastic strains beyond a few per cent (theory B6); of all bodies of a scene or of none.
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -213,7 +217,13 @@ class Scene:
             raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
         laws = _yield_laws(packing, materials, bond, volume, yielding)
         has_volume |= any(law is not None for law in laws)
-        body = Body(packing, materials, grains, bond, fracture, has_volume, facet_bending, laws)
+        if finite_strain:
+            _check_finite(materials, bond, fracture, volume, laws)
+            has_volume = True
+        body = Body(
+            packing, materials, grains, bond, fracture, has_volume, facet_bending, laws,
+            finite_strain,
+        )  # fmt: skip
         self.bodies.append(body)
         return body
 
@@ -618,6 +628,26 @@ def _yield_laws(
     if packing.plane == "stress" and any(isinstance(law, Nikolaevsky) for law in laws):
         raise InputError("Nikolaevsky's flow is for plane strain and space, not plane stress.")
     return laws
+
+
+def _check_finite(
+    materials: tuple[Material, ...],
+    bond: str | EVMBond,
+    fracture: Criterion | None,
+    volume: bool | None,
+    laws: tuple[YieldLaw | None, ...],
+) -> None:
+    if bond != "facet" or volume is False:
+        raise InputError("finite_strain is of facet bonds with their volume term.")
+    if fracture is not None:
+        raise InputError(
+            "finite_strain is not for bonds that break: a deformation gradient needs its element's "
+            "faces; leave fracture or finite_strain out."
+        )
+    if any(isinstance(law, Nikolaevsky) for law in laws):
+        raise InputError("finite_strain takes von Mises' flow; Nikolaevsky's is of small strain.")
+    if any(m.poisson < 0.0 for m in materials):
+        raise InputError("finite_strain needs Poisson's ratios of 0 or more.")
 
 
 def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:

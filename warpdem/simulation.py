@@ -16,7 +16,7 @@ from .stability import bound_damping, bound_frequency, largest_frequency, link_s
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
-from .trouble import Troubles
+from .trouble import Distortion, Troubles
 
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping and plastic flow took
@@ -115,6 +115,9 @@ class Simulation:
         self._troubles = None
         if self.model.evm_bonds:
             self._troubles = Troubles(self.model, self._ids(), stops=trouble == "stop")
+        self._distortion = None
+        if self.model.features.finite_strain:
+            self._distortion = Distortion(self.dt_limit)
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
         self._stopped = False
@@ -276,7 +279,10 @@ class Simulation:
 
     @property
     def stress(self) -> Array:
-        """Average stress of every element [Pa], (n, 3, 3), tension positive; zero without faces."""
+        """Average stress of every element [Pa], (n, 3, 3), tension positive; zero without faces.
+
+        At finite strain the true (Cauchy) stress.
+        """
         return fields.stress_tensor(self._step.evaluate_stress())[: self.model.own_elements]
 
     @property
@@ -318,6 +324,13 @@ class Simulation:
         angle = 2.0 * np.arctan2(half, np.abs(q[:, -1]))
         share = np.divide(angle, half, out=np.full(len(q), 2.0), where=half > 0.0)
         return (sign * share)[:, None] * q[:, :-1]
+
+    @property
+    def deformation_gradient(self) -> Array:
+        """F of every element at finite strain, (n, dim, dim): how its surroundings deformed."""
+        if not self.model.features.finite_strain:
+            raise InputError("deformation gradients are known of bodies with finite_strain.")
+        return np.eye(self.model.features.dim) + self._own("displacement_gradient")
 
     @property
     def plastic_strain(self) -> Array:
@@ -549,6 +562,8 @@ class Simulation:
                 )
         if self._troubles is not None:
             self._troubles.check(self._step)
+        if self._distortion is not None:
+            self._distortion.check(self._step)
 
 
 def _device(name: str) -> str:

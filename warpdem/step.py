@@ -28,6 +28,15 @@ from .kernels.facet import (
     facet_settle,
     facet_unlink,
 )
+from .kernels.finite import (
+    centre_openings,
+    deformations,
+    finite_forces,
+    finite_return,
+    finite_slip,
+    kirchhoff_stresses,
+    true_stress,
+)
 from .kernels.fracture import break_bonds, log_breaks
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
@@ -48,7 +57,7 @@ OPTIONAL = frozenset(
         *("principal_moment", "principal_axes"),
         *("bond_slip", "evm_slip", "evm_tilt", "mean_stiffness", "mean_stress", "return_growth"),
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
-        *("hardening_strain", "hardening_stress"),
+        *("hardening_strain", "hardening_stress", "trial_force"),
     }
 )
 # sums over many steps, in float64 always
@@ -174,8 +183,9 @@ class Step:
         """Start the books of plastic flow anew, after forces were evaluated for a given state."""
         if self.model.yielding:
             self.arrays["return_factor"].fill_(1.0)
-            if self.model.features.has_dilation:
-                self.arrays["return_growth"].zero_()
+            for name in ("return_growth", "plastic_gradient"):
+                if name in self.arrays:
+                    self.arrays[name].zero_()
             self._remember.launch()
 
     def break_bonds(self) -> None:
@@ -370,16 +380,25 @@ class Step:
         """Return of stresses beyond yield, the slips that this leaves, forces after them."""
         (s, k), m, f = self._space, self.model, self.model.features
         passes, numbers = [], numbers_type(s)
+        if not m.yielding:
+            return []
+        if f.finite_strain:
+            law = kirchhoff_stresses(s, k, f.faces, f.slots, self._simd)
+            passes.append(self._bind(law, m.elements, elements=m.elements))
         for group in m.yielding:
-            law = radial_return(s, k, f.faces, f.slots, f.plane, group.flow, self._simd)
+            if f.finite_strain:
+                law = finite_return(s, k, f.plane, group.flow, self._simd)
+            else:
+                law = radial_return(s, k, f.faces, f.slots, f.plane, group.flow, self._simd)
             given: dict[str, Any] = {"elements": m.elements, "first": group.first, "dt": self.dt}
             given["numbers"] = numbers(*group.numbers)
             passes.append(self._bind(law, group.count, **given))
-        if not passes:
-            return []
         books = []
         if m.facet_bonds:
-            law = facet_slip(s, k, f.faces, f.has_dilation, f.evaluates_anew, self._simd)
+            if f.finite_strain:
+                law = finite_slip(s, k, f.faces, f.evaluates_anew, self._simd)
+            else:
+                law = facet_slip(s, k, f.faces, f.has_dilation, f.evaluates_anew, self._simd)
             books.append(self._bind(law, m.facet_bonds))
         if m.evm_bonds:
             law = evm_slips(s, k, f.faces, f.has_dilation, self._simd)
@@ -512,6 +531,8 @@ class Step:
         if near:
             listed, listed_elements = self.arrays["near_bonds"], self.arrays["near_elements"]
             bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
+        if f.finite_strain:
+            return self._finite_passes(has_dilations)
         passes = []
         if f.has_volume:
             if not has_dilations:
@@ -527,7 +548,23 @@ class Step:
             law = evm_forces(s, k, f.faces, f.has_volume, f.large_rotation, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
-        return passes + self._over_listed(
+        return passes + self._closing()
+
+    def _finite_passes(self, has_openings: bool) -> list[wp.Launch]:
+        """Forces of all bonds, of facets alone, at finite strain."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        passes = []
+        if not has_openings:
+            passes.append(self._bind(centre_openings(s, k, f.faces, self._simd), m.bonds))
+        law = deformations(s, k, f.faces, f.slots, f.has_dilation, self._simd)
+        passes.append(self._bind(law, m.elements, elements=m.elements))
+        passes.append(self._bind(finite_forces(s, k, f.faces, f.has_bending, self._simd), m.bonds))
+        return passes + self._closing()
+
+    def _closing(self) -> list[wp.Launch]:
+        """Unlinked pairs resist closing."""
+        (s, k), f = self._space, self.model.features
+        return self._over_listed(
             facet_closing(s, k, f.faces, self._simd),
             evm_closing(s, k, f.faces.has_slip, self._simd),
             slack=self._slack,
@@ -599,7 +636,10 @@ class Step:
 
     def _stress(self, listed: str) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
-        law = element_stress(s, k, f.faces, f.slots, f.has_volume, f.plane_strain, self._simd)
+        if f.finite_strain:
+            law = true_stress(s, k, f.faces, f.slots, f.plane, self._simd)
+        else:
+            law = element_stress(s, k, f.faces, f.slots, f.has_volume, f.plane_strain, self._simd)
         ids = self.arrays[listed]
         return self._bind(law, ids.size, listed=ids, elements=m.elements)
 

@@ -1,4 +1,7 @@
-"""EVM bonds deformed beyond what their energy stands for (theory A5): told once, with ids."""
+"""What is deformed beyond what its energy or its time step stands for: told once, with ids.
+
+EVM bonds (theory A5), and elements at finite strain (theory B6).
+"""
 
 import warnings
 from math import degrees, pi
@@ -6,14 +9,16 @@ from math import degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, ModelWarning, TroubledBondError
+from .errors import Array, ModelWarning, TroubledBondError, first_ids
 from .kernels.evm import CRUSHED
+from .kernels.finite import LEAST_JACOBIAN
 from .model import Model
 from .step import Step
 
 TWIST = pi / 3.0  # torsion is 17 % soft here; its moment falls from pi/2 on
 TURN = 0.95 * pi  # angles of bonds with large_rotation have a kink at pi
 KINDS = ("twisted", "bent", "crushed")
+DISTORTED = 25.0  # ratio of stretches up to which finite strain was validated
 TYPE = [("bond", int), ("i", int), ("j", int), ("step", int), ("kind", "U8"), ("value", float)]
 ADVICE = {
     "twisted": "take more bonds along the length, or EVMBond(large_rotation=True)",
@@ -98,3 +103,52 @@ class Troubles:
             f"at step {step} these EVM bonds are {kind} beyond the range of their energy: "
             f"{', '.join(shown)}{more}; {ADVICE[kind]}."
         )
+
+
+class Distortion:
+    """Elements at finite strain whose lattice is too distorted; each kind is told of once.
+
+    Where the lattice is squeezed the volume energy pulls the harder, where it is stretched springs
+    have longer arms: the greatest frequency grows up to 1/least and up to the greatest stretch.
+    """
+
+    def __init__(self, dt_limit: float) -> None:
+        self._dt_limit = dt_limit
+        self._told: set[str] = set()
+
+    def check(self, step: Step) -> None:
+        """Look at all elements; warn of new trouble."""
+        h = step.download("displacement_gradient").astype(np.float64)
+        gradient = np.eye(h.shape[1]) + h
+        stretch = np.linalg.svd(gradient, compute_uv=False)
+        share = np.minimum(stretch[:, -1], 1.0 / stretch[:, 0])
+        limit = self._dt_limit * float(share.min())
+        self._tell(
+            "inverted",
+            np.linalg.det(gradient) <= LEAST_JACOBIAN,
+            step,
+            "are squeezed to nothing or turned inside out; take a smaller dt or more elements",
+        )
+        self._tell(
+            "unstable",
+            step.dt > share * self._dt_limit,
+            step,
+            f"are stretched so much that the time step may no longer be stable; give a dt of "
+            f"{limit:.2g} s or less",
+        )
+        self._tell(
+            "distorted",
+            stretch[:, 0] > DISTORTED * stretch[:, -1],
+            step,
+            f"are distorted beyond the ratio {DISTORTED:g} of their stretches, up to which "
+            "finite strain is validated",
+        )
+
+    def _tell(self, kind: str, bad: NDArray[np.bool_], step: Step, what: str) -> None:
+        if bad.any() and kind not in self._told:
+            self._told.add(kind)
+            warnings.warn(
+                f"at step {step.count} elements {first_ids(bad)} {what}.",
+                ModelWarning,
+                stacklevel=5,
+            )
