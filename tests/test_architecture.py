@@ -32,7 +32,7 @@ ALLOWED = {
     },
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
-        *("moduli", "statics", "experiments"),
+        *("moduli", "plasticity", "statics", "experiments"),
     },
     "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
 }

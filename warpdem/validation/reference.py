@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import Array
 from ..material import Material
+from ..packing import Packing
 
 
 def rotation_matrices(orientation: Array) -> Array:
@@ -177,3 +178,36 @@ def half_space_slowness(p: NDArray, material: Material, plane: str) -> tuple[NDA
     alpha, beta = np.sqrt(a * a - square), np.sqrt(b * b - square)
     rayleigh = (b * b - 2.0 * square) ** 2 + 4.0 * square * alpha * beta
     return p * (b * b - 2.0 * square - 2.0 * alpha * beta) / rayleigh, alpha * b * b / rayleigh
+
+
+def finite_energy(
+    packing: Packing,
+    displacement: Array,
+    orientation: Array,
+    slip: Array,
+    plastic_dilation: Array,
+    material: Material,
+) -> float:
+    """U of theory B6 at finite strain, from full rotations and present places [J].
+
+    slip: how far the anchors of each bond are from its facet points, in the elements' frames
+    (b, 2, dim); plastic_dilation: P of every element (n,).
+    """
+    dim, (i, j) = packing.dim, packing.bonds.T
+    assert packing.area is not None and packing.arms is not None
+    q = rotation_matrices(orientation)[:, :dim, :dim]
+    x = packing.position + displacement
+    arms, w = packing.arms, packing.area / packing.bond_length
+    yi = x[i] + np.einsum("bxy,by->bx", q[i], arms[:, 0] + slip[:, 0])
+    yj = x[j] + np.einsum("bxy,by->bx", q[j], arms[:, 1] + slip[:, 1])
+    pair = material.shear_modulus * (w * ((yj - yi) ** 2).sum(axis=1)).sum()
+    now, then = np.zeros((2, len(x), dim, dim))
+    for side, (own, other) in enumerate(((i, j), (j, i))):
+        across = np.einsum("b,bx,by->bxy", w, x[other] - x[own], arms[:, side])
+        before = packing.position[other] - packing.position[own]
+        np.add.at(now, own, across)
+        np.add.at(then, own, np.einsum("b,bx,by->bxy", w, before, arms[:, side]))
+    dilation = np.log(np.linalg.det(now) / np.linalg.det(then)) - plastic_dilation
+    d = material.coupling
+    a = 2.0 * material.shear_modulus * d / (3.0 - d * (dim + (packing.plane == "strain")))
+    return float(pair + (0.5 * packing.volume * a * dilation**2).sum())
