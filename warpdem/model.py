@@ -268,6 +268,9 @@ def state_arrays(
             state["trial_force"] = np.zeros((b + 1, f.dim))
             for name in ("kirchhoff_stress", "spring_stress", "plastic_gradient"):
                 state[name] = np.zeros((n, f.dim, f.dim))
+            state["plastic_growth"] = np.zeros(n)
+            if f.plane is not None:
+                state["plastic_growth_out"] = np.zeros(n)
         else:
             state["return_mean"] = np.zeros(n)
         state["spring_force"] = np.zeros((b, f.dim))
@@ -423,7 +426,7 @@ def _inverse_shape(model: Model, linked: Array) -> Array:
             "deformation gradient; leave them out (Packing.without) or finite_strain."
         )
     shape[alone] = np.eye(dim)
-    inverse: Array = np.linalg.inv(shape)
+    inverse = np.asarray(np.linalg.inv(shape), dtype=np.float64)
     inverse[alone] = 0.0
     return inverse
 

@@ -35,6 +35,7 @@ from .kernels.finite import (
     finite_return,
     finite_slip,
     kirchhoff_stresses,
+    share_growth,
     true_stress,
 )
 from .kernels.fracture import break_bonds, log_breaks
@@ -57,7 +58,7 @@ OPTIONAL = frozenset(
         *("principal_moment", "principal_axes"),
         *("bond_slip", "evm_slip", "evm_tilt", "mean_stiffness", "mean_stress", "return_growth"),
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
-        *("hardening_strain", "hardening_stress", "trial_force"),
+        *("hardening_strain", "hardening_stress", "trial_force", "plastic_growth_out"),
     }
 )
 # sums over many steps, in float64 always
@@ -393,6 +394,10 @@ class Step:
             given: dict[str, Any] = {"elements": m.elements, "first": group.first, "dt": self.dt}
             given["numbers"] = numbers(*group.numbers)
             passes.append(self._bind(law, group.count, **given))
+        if f.finite_strain:
+            law = share_growth(s, k, f.faces, f.slots, f.plane, self._simd)
+            numbers_given: dict[str, Any] = {"bonds": m.bonds, "elements": m.elements}
+            passes.append(self._bind(law, len(self._flowing), **numbers_given))
         books = []
         if m.facet_bonds:
             if f.finite_strain:

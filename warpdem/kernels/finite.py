@@ -409,25 +409,23 @@ def returned(s: Laws, plane: str | None):
     real, mat3, half = s.real, s.mat3, s.real(0.5)
 
     @wp.func
-    def returned(t: mat3, b: s.vec3, mean: real, y: real, volume: real, kappa: real):
-        """tau, and m, at y = 2 G x; volume, kappa: A/2G and m/(E - P)/2G, of plane stress."""
+    def returned(t: mat3, b: s.vec3, mean: real, y: real, volume: real):
+        """tau, and m, at y = 2 G x; volume: A/2G, of plane stress."""
         r = mat3()
         m = mean
         for p in range(3):
             for q in range(3):
                 r[p, q] = t[p, q] / (real(1.0) + half * y * (b[p] + b[q]))
         if wp.static(plane == "stress"):
-            # P grows by x tr(tau)/3, so that g and m fall
+            # m is tr(tau)/3 at once, and P grows by x m, so that g falls
             own = real(0.0)
-            each = real(0.0)
+            each = real(3.0)
             for p in range(2):
-                low = real(1.0) + y * b[p]
-                own += (t[p, p] + y * b[p] * mean) / low
-                each += (y * b[p] * kappa + volume) / low
-            grown = y * own / (real(3.0) + y * each)
-            m = mean - kappa * grown
+                own += t[p, p] / (real(1.0) + y * b[p])
+                each -= y * (b[p] - volume) / (real(1.0) + y * b[p])
+            m = own / each
             for p in range(2):
-                r[p, p] = (t[p, p] + y * b[p] * m - volume * grown) / (real(1.0) + y * b[p])
+                r[p, p] = (t[p, p] + y * (b[p] - volume) * m) / (real(1.0) + y * b[p])
         else:
             for p in range(3):
                 r[p, p] = m + (t[p, p] - m) / (real(1.0) + y * b[p])
@@ -464,12 +462,14 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
         volume_stiffness: wp.array(dtype=real),
         mean_stress: wp.array(dtype=real),
         mean_stiffness: wp.array(dtype=real),
-        # written
         plastic_strain: wp.array(dtype=real),
         plastic_strain_zz: wp.array(dtype=real),
         plastic_dilation: wp.array(dtype=real),
+        # written
         return_factor: wp.array(dtype=real),
         plastic_gradient: wp.array(dtype=real),
+        plastic_growth: wp.array(dtype=real),
+        plastic_growth_out: wp.array(dtype=real),
         numbers: law,
         dt: real,
         first: int,
@@ -498,6 +498,9 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
         slow, _slope = flowing(numbers, strain, real(0.0), dt, hardening_strain, hardening_stress)
         return_factor[i] = real(1.0)
         g.store(plastic_gradient, i, g.mat())
+        plastic_growth[i] = real(0.0)
+        if wp.static(plane is not None):
+            plastic_growth_out[i] = real(0.0)
         if q > j * slow:
             stretch = g.embed(f * wp.transpose(f))
             if wp.static(plane == "strain"):
@@ -511,7 +514,6 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
             excess = wp.trace(springs) - zz - two_shear * mean_stress[i] / mean_stiffness[i]
             mean = measure.mean_stress(t) - excess / real(3.0)
             volume = volume_stiffness[i] / two_shear
-            kappa = mean_stiffness[i] / two_shear
             # q = flow stress by false position between no flow and too much (the Illinois form)
             low = real(0.0)
             high = real(0.0)
@@ -522,7 +524,7 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
             r = t
             m = mean
             for _n in range(200):
-                r, m = back(t, b, mean, y, volume, kappa)
+                r, m = back(t, b, mean, y, volume)
                 left = measure.von_mises(r)
                 grown = third * y * left / two_shear
                 stress, _s = flowing(numbers, strain, grown, dt, hardening_strain, hardening_stress)
@@ -555,15 +557,74 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
             gain = wp.ddot(rate, g.embed(springs)) - rate[2, 2] * zz
             y = wp.max(wp.min(y, gain / cost), real(0.0))
             x = y / two_shear
-            plastic_strain[i] = strain + third * x * measure.von_mises(r)
+            plastic_growth[i] = third * x * measure.von_mises(r)
             if wp.static(plane == "strain"):
-                plastic_strain_zz[i] = plastic_strain_zz[i] + x * rate[2, 2]
+                plastic_growth_out[i] = x * rate[2, 2]
             if wp.static(plane == "stress"):
-                plastic_dilation[i] = plastic + x * measure.mean_stress(r)
+                plastic_growth_out[i] = -x * m
+                plastic_dilation[i] = plastic - y / (real(1.0) + y) * excess / two_shear
             return_factor[i] = real(1.0) / (real(1.0) + y)
             g.store(plastic_gradient, i, x * (g.project(rate) * f))
 
     return kernel(finite_return, simd)
+
+
+@cache
+def share_growth(s: Laws, k: Laws, faces: Faces, slots: int, plane: str | None, simd: bool = True):
+    """Pass over elements that flow: plastic strains grow as the slips around the element do.
+
+    A bond slips by the flow of both elements, so half of what an element deforms by is its
+    neighbours' flow. Were its own flow alone counted, neighbours could flow by turns unnoticed,
+    and their strains drift apart.
+    """
+    real, geometry, narrowed, g = s.real, face(s, k, faces), narrow(s, k), gradients(s)
+    dim = real(s.dim)
+
+    def share_growth(
+        # model
+        flow_elements: wp.array(dtype=int),
+        incidence: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        element_volume: wp.array(dtype=real),
+        inverse_shape: wp.array(dtype=real),
+        # state read
+        bond_weight: wp.array(dtype=real),
+        plastic_growth: wp.array(dtype=real),
+        plastic_growth_out: wp.array(dtype=real),
+        # written
+        plastic_strain: wp.array(dtype=real),
+        plastic_strain_zz: wp.array(dtype=real),
+        plastic_dilation: wp.array(dtype=real),
+        bonds: int,
+        elements: int,
+    ):
+        i = flow_elements[wp.tid()]
+        shape = wp.transpose(g.load(inverse_shape, i))
+        grown = real(0.0)
+        out = real(0.0)
+        for slot in range(wp.static(slots)):
+            entry = nn(incidence[nn(slot * elements + i)])
+            b = entry >> 1
+            if b < bonds:
+                j = nn(bond_i[nn(b)])
+                if (entry & 1) == 0:
+                    j = nn(bond_j[nn(b)])
+                c = narrowed(geometry.load_arm(bond_arm, entry))
+                way = (bond_weight[nn(b)] / (dim * element_volume[i])) * (shape * c)
+                own = wp.dot(way, c)
+                other = -wp.dot(way, narrowed(geometry.load_arm(bond_arm, nn(entry ^ 1))))
+                grown += own * plastic_growth[i] + other * plastic_growth[j]
+                if wp.static(plane is not None):
+                    out += own * plastic_growth_out[i] + other * plastic_growth_out[j]
+        plastic_strain[i] = plastic_strain[i] + grown
+        if wp.static(plane == "strain"):
+            plastic_strain_zz[i] = plastic_strain_zz[i] + out
+        if wp.static(plane == "stress"):
+            plastic_dilation[i] = plastic_dilation[i] - out
+
+    return kernel(share_growth, simd)
 
 
 @cache

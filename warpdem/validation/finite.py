@@ -1,15 +1,17 @@
 """Finite strain: energy and forces, true stress, flow, necking, an impact (theory B6, C4)."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from .. import packing
 from ..errors import Array
 from ..material import Material
 from ..packing import Packing
-from ..plasticity import Linear, VonMises
+from ..plasticity import Linear, PowerLaw, VonMises
 from ..scene import Scene
 from ..simulation import Simulation
 from . import reference
@@ -79,22 +81,22 @@ def finite_strain_forces() -> Iterator[Measurement]:
             f"{name}: energy [J]", exact, "NumPy", held["pair"] + held["volume"], error, 1e-12
         )
 
-        def slope(at: Callable[[float], float]) -> float:
-            """Central difference of fourth order."""
+        def slope(i: int, axis: int, u: Array = u, q: Array = q, energy=energy) -> float:
+            """dU along one axis of an element, by a central difference of fourth order."""
+
+            def at(t: float) -> float:
+                move, turn = np.zeros_like(u), np.zeros((len(u), q.shape[1] - 1))
+                if axis < u.shape[1]:
+                    move[i, axis] = t
+                else:
+                    turn[i, axis - u.shape[1]] = t
+                return energy(u + move, _turned(q, turn))
+
             h = 1e-3
             return (8.0 * (at(h) - at(-h)) - at(2.0 * h) + at(-2.0 * h)) / (12.0 * h)
 
         chosen = np.linspace(0, n - 1, 8).astype(int)
-        numeric = np.zeros((len(chosen), dim + spins))
-        for row, i in enumerate(chosen):
-            for a in range(dim):
-                way = np.zeros((n, dim))
-                way[i, a] = 1.0
-                numeric[row, a] = slope(lambda t, way=way: energy(u + t * way, q))
-            for a in range(spins):
-                way = np.zeros((n, spins))
-                way[i, a] = 1.0
-                numeric[row, dim + a] = slope(lambda t, way=way: energy(u, _turned(q, t * way)))
+        numeric = np.array([[slope(i, a) for a in range(dim + spins)] for i in chosen])
         found = -np.concatenate([force, torque], axis=1)[chosen]
         error = float(np.abs(found - numeric).max() / np.abs(numeric).max())
         yield vanishing(f"{name}: forces and torques against -dU", "differences", error, 1e-7)
@@ -198,21 +200,79 @@ def _periodic(name: str) -> Packing:
 
 
 @case("plastic")
+def finite_strain_return() -> Iterator[Measurement]:
+    """One return from random states: slips and plastic strains against NumPy, forces after it."""
+    law = VonMises(0.05, Linear(0.1))
+    for name in ("hexagonal", "Voronoi", "fcc", "Voronoi in space"):
+        p = _small(name)
+        n, dim, spins = len(p), p.dim, 1 if p.dim == 2 else 3
+        rng = np.random.default_rng(1)
+        scene = Scene()
+        scene.add(p, MATERIAL, yielding=law, finite_strain=True)
+        sim = Simulation(scene, dt=1e-9)
+        f = np.eye(dim) + 0.3 * rng.normal(size=(dim, dim))
+        f /= np.linalg.det(f) ** (1.0 / dim)
+        u = p.position @ (f - np.eye(dim)).T + 0.01 * rng.normal(size=(n, dim))
+        start = np.zeros((n, spins + 1))
+        start[:, -1] = 1.0
+        q = _turned(start, 0.1 * rng.normal(size=(n, spins)))
+        # anchors that leave springs small openings
+        open_ = 0.03 * rng.normal(size=(len(p.bonds), dim))
+        matrix = reference.rotation_matrices(q)[:, :dim, :dim]
+        i, j = p.bonds.T
+        gap = p.bond_vector + u[j] - u[i] - open_
+        slip = np.stack([0.5 * gap, -0.5 * gap], axis=1)
+        for side, element in enumerate((i, j)):
+            slip[:, side] = np.einsum("bxy,bx->by", matrix[element], slip[:, side])
+        slip -= p.arms
+        plastic = 0.1 * rng.random(n)
+        dilation, out = np.zeros(n), np.zeros(n)
+        upload = sim._step.upload
+        upload("bond_slip", slip.reshape(-1, dim))
+        upload("plastic_strain", plastic)
+        if p.plane == "stress":
+            dilation = np.log(np.linalg.det(f)) + 0.02 * rng.normal(size=n)
+            upload("plastic_dilation", dilation)
+        if p.plane == "strain":
+            out = 0.01 * rng.normal(size=n)
+            upload("plastic_strain_zz", out)
+        sim.set_state(displacement=u, orientation=q)
+        exact = reference.finite_flow(
+            p, u, q, slip, plastic, dilation, out, MATERIAL,
+            lambda p: float(law.flow_stress(np.array(p))),
+        )  # fmt: skip
+        sim.run(steps=1)
+        names = ("bond_slip", "plastic_strain", "plastic_dilation", "plastic_strain_zz")
+        for what, wanted, before in zip(names, exact, (slip, plastic, dilation, out), strict=True):
+            if what in sim._step.arrays:
+                found = sim._step.download(what).reshape(wanted.shape)
+                size = float(np.abs(wanted - before).max())
+                error = float(np.abs(found - wanted).max()) / size
+                yield vanishing(f"{name}: change of {what}", "NumPy", error, 1e-8)
+        force, torque = sim.force, sim.torque
+        sim._step.evaluate_forces()
+        for what, after, anew in (("forces", force, sim.force), ("torques", torque, sim.torque)):
+            error = float(np.abs(after - anew).max() / np.abs(anew).max())
+            yield vanishing(f"{name}: {what} after it, evaluated anew", "the same", error, 1e-12)
+
+
+@case("plastic")
 def finite_strain_flow() -> Iterator[Measurement]:
     """Periodic Voronoi bodies that flow: stretched to 50 % with sides held, and much further."""
     strength = 1e-3
 
-    def stretch(dim: int, t: float) -> Array:
-        f = np.eye(dim)
-        f[0, 0], f[1, 1] = 1.0 + t, 1.0 / (1.0 + t)
-        return f
+    def stretch(dim: int, rate: float) -> Callable[[float], Array]:
+        def path(t: float) -> Array:
+            f = np.eye(dim)
+            f[0, 0], f[1, 1] = 1.0 + rate * t, 1.0 / (1.0 + rate * t)
+            return f
+
+        return path
 
     for name in ("plane strain", "plane stress", "space"):
         p = _periodic(name)
         rate = 5e-4
-        sim = _boxed(
-            p, VonMises(strength), lambda t, p=p: stretch(p.dim, rate * t), 0.5 / rate, 0.5
-        )
+        sim = _boxed(p, VonMises(strength), stretch(p.dim, rate), 0.5 / rate, 0.5)
         if name != "plane stress":  # there the mean stress is no reaction
             error = float(np.abs(sim.pressure).max() / BULK)
             yield vanishing(
@@ -284,7 +344,7 @@ def finite_strain_books() -> Iterator[Measurement]:
         dim = p.dim
         spin = 0.04 * np.array([1.0] if dim == 2 else [0.3, -0.5, 0.8])
         around = np.cross([0.0, 0.0, spin[0]] if dim == 2 else spin, reference.in_space(x))[:, :dim]
-        stretching = 0.05 * np.diag([1.0, -1.0, 0.5][:dim])
+        stretching = 0.025 * np.diag([1.0, -1.0, 0.5][:dim])
         scene.set_velocity(body, around + x @ stretching, spin)
         limit = Simulation(scene).dt_limit
         sim = Simulation(scene, dt=0.2 * limit)
@@ -322,6 +382,11 @@ def finite_strain_books() -> Iterator[Measurement]:
     yield vanishing("bar pulled to 2 %: ledger over the work", "B13", error, 1e-6)
 
 
+def _growing(rate: float) -> Callable[[float], float]:
+    """History of ends that keep a true strain rate."""
+    return lambda t: float(np.exp(rate * t))
+
+
 def _pulled(
     p: Packing, law: VonMises, strain: float, rate: float, share: float = 0.6
 ) -> Simulation:
@@ -336,10 +401,135 @@ def _pulled(
     v = -across * rate * x
     v[:, axis] = rate * x[:, axis]
     scene.set_velocity(body, v)
-    scene.hold(
-        body, ends, v[ends], axes="xyz"[axis], rotation=False, history=lambda t: np.exp(rate * t)
-    )
+    scene.hold(body, ends, v[ends], axes="xyz"[axis], rotation=False, history=_growing(rate))
     limit = Simulation(scene).dt_limit
     sim = Simulation(scene, dt=share * limit)
     sim.run(until=np.log(1.0 + strain) / rate)
     return sim
+
+
+@case("plastic")
+def finite_strain_necking() -> Iterator[Measurement]:
+    """Bars with a power law of hardening, pulled at both ends until they neck (Considere)."""
+    modulus = 0.014
+    law = VonMises(modulus * OFFSET**EXPONENT, PowerLaw(modulus, EXPONENT, OFFSET))
+    for plane in ("strain", "stress"):
+        p = packing.hexagonal((10.0, 40.0), 1.0, plane)
+        scene = Scene()
+        body = scene.add(p, MATERIAL, yielding=law, finite_strain=True)
+        y = p.position[:, 1]
+        length = np.ptp(y)
+        rate = 8e-3 / length
+        ends = p.bottom | p.top
+        x = p.position - 0.5 * (p.position.min(axis=0) + p.position.max(axis=0))
+        across = POISSON / (1.0 - POISSON) if plane == "strain" else POISSON
+        v = rate * x * [-across, 1.0]
+        scene.set_velocity(body, v)
+        scene.hold(
+            body, ends, v[ends], axes="y", rotation=False,
+            history=_growing(rate),
+        )  # fmt: skip
+        limit = Simulation(scene).dt_limit
+        sim = Simulation(scene, dt=0.45 * limit, local_damping=0.3)
+        strain, force = [], []
+        top = 0.27 if plane == "strain" else 0.35
+        for _ in range(60):
+            sim.run(until=sim.time + top / 60 / rate)
+            strain.append(rate * sim.time)
+            force.append(-sim.force[p.top, 1].sum())
+        e, f = np.array(strain), np.array(force)
+        near = np.abs(e - e[np.argmax(f)]) < 0.05
+        curve = np.polyfit(e[near], f[near], 2)
+        found = float(-0.5 * curve[1] / curve[0])
+        # d sigma/d strain = sigma, with sigma = modulus (offset + p)^n, times 2/sqrt(3) as the
+        # strain in plane strain; and the elastic strain there
+        grow = 2.0 / np.sqrt(3.0) if plane == "strain" else 1.0
+        flowed = grow * EXPONENT - OFFSET
+        stress = grow * modulus * (OFFSET + flowed) ** EXPONENT
+        exact = flowed / grow + stress / MATERIAL.plane_modulus(plane)
+        error = abs(found / exact - 1.0)
+        yield Measurement(
+            f"plane {plane}: strain at the greatest force", exact, "Considere", found, error, 0.1
+        )
+        if plane == "strain":
+            continue
+        # what is left of the bar beside the necks has stopped straining
+        along = np.log(sim.deformation_gradient[:, 1, 1])
+        tenth = np.minimum(((y - y.min()) / length * 10.0).astype(int), 9)
+        least = min(float(along[tenth == part].mean()) for part in range(1, 9))
+        error = abs(least / exact - 1.0)
+        yield Measurement(
+            f"plane {plane}: strain beside the neck", exact, "Considere", least, error, 0.1
+        )
+
+
+def taylor_bar(across: int, precision: str = "float64", share: float = 0.15) -> "Impact":
+    """A copper bar of 32.4 mm by 6.4 mm meets a rigid wall without friction at 227 m/s.
+
+    across: elements over its diameter.
+    """
+    radius, height, speed = 3.2e-3, 32.4e-3, 227.0
+    d = 2.0 * radius / across
+    box = packing.fcc((2.0 * radius + 2.0 * d, 2.0 * radius + 2.0 * d, height), d)
+    x = box.position - 0.5 * (box.position.min(axis=0) + box.position.max(axis=0))
+    bar = box.without(np.hypot(x[:, 0], x[:, 1]) > radius)
+    scene = Scene()
+    copper = Material(117e9, 0.35, 8930.0)
+    body = scene.add(bar, copper, yielding=VonMises(400e6, Linear(100e6)), finite_strain=True)
+    z = bar.position[:, 2]
+    foot = z < z.min() + 0.35 * d
+    scene.hold(body, foot, axes="z")
+    scene.set_velocity(body, (0.0, 0.0, -speed))
+    limit = Simulation(scene, precision=precision).dt_limit
+    sim = Simulation(scene, dt=share * limit, precision=precision)
+    sim.run(until=80e-6)
+    return Impact(sim, bar, foot, radius, height)
+
+
+@dataclass(frozen=True)
+class Impact:
+    """A bar after its impact."""
+
+    sim: Simulation
+    bar: Packing
+    foot: NDArray[np.bool_]
+    radius: float
+    height: float
+
+    @property
+    def length(self) -> float:
+        """Final length [m]: what the layers of centres at both ends came nearer."""
+        z = self.bar.position[:, 2]
+        top = z > z.max() - 0.35 * self.bar.spacing
+        return self.height + float((self.sim.displacement[top, 2]).mean())
+
+    @property
+    def foot_radius(self) -> float:
+        """Radius [m] of the foot: of its outer elements, and the rest to the surface as stretched
+        there."""
+        x, at = self.bar.position[:, :2], self.sim.position[:, :2]
+        centre = x.mean(axis=0)
+        r = np.hypot(*(x - centre).T)
+        outer = self.foot & (r > self.radius - 1.2 * self.bar.spacing)
+        way = ((x - centre) / np.maximum(r, 1e-12)[:, None])[outer]
+        gradient = self.sim.deformation_gradient[outer, :2, :2]
+        stretch = np.linalg.norm(np.einsum("nab,nb->na", gradient, way), axis=1)
+        reach = np.hypot(*(at[outer] - centre).T) + stretch * (self.radius - r[outer])
+        return float(reach.mean())
+
+
+@case("plastic", slow=True)
+def taylor_impact() -> Iterator[Measurement]:
+    """Taylor's bar of copper, 16 elements across: shape and strain after 80 microseconds."""
+    impact = taylor_bar(16, "mixed", 0.12)
+    sim = impact.sim
+    for name, found, low, high, limit in (
+        ("final length [mm]", 1e3 * impact.length, 21.4, 21.5, 0.05),
+        ("radius of the foot [mm]", 1e3 * impact.foot_radius, 7.0, 7.2, 0.15),
+    ):
+        middle = 0.5 * (low + high)
+        error = max(low - found, found - high, 0.0) / middle
+        yield Measurement(
+            name, middle, "published codes, Taylor bar of copper", found, error, limit
+        )
+    yield vanishing("ledger", "B13", abs(sim.energy_error), 1e-3)
