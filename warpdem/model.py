@@ -26,6 +26,7 @@ from .viscoelasticity import ViscousLaw
 
 Ids = NDArray[np.int32]
 LEAST_SPHERICAL = 0.9  # of (1 - D) on irregular elements with a viscous law
+LEAST_SHAPE = 0.05  # smallest stretch of B, 1 where an element has all its faces
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {
@@ -57,6 +58,7 @@ class Features:
     has_dilation: bool  # g is measured from a dilation that plastic flow or creep has left
     branches: int  # most branches of a viscous law; 0: none creeps
     has_retardation: bool  # some faces have Kelvin and Voigt's dashpots
+    finite_strain: bool
     slots: int
     faces: Faces
 
@@ -69,7 +71,8 @@ class Features:
     def keeps_mean(self) -> bool:
         """Whether slips ask for the mean stress m_i of theory B6; of yield in plane stress for
         another."""
-        return self.faces.has_slip and (self.plane != "stress" or self.faces.has_creep)
+        own = self.plane != "stress" or self.faces.has_creep or self.finite_strain
+        return self.faces.has_slip and own
 
     @property
     def has_dashpots(self) -> bool:
@@ -139,6 +142,7 @@ class Model:
     bond_face: Array | None = None  # (2 b + 2,): S q, that s_i sums
     element_two_shear: Array | None = None  # 2 G
     element_coupling: Array | None = None  # D
+    inverse_shape: Array | None = None  # (n, dim, dim) B^-1 of finite strain
     evm_dashpot: Array | None = None  # eta along, across [N s/m], bending, torsion [N m s]
     external_force: Array | None = None
     external_torque: Array | None = None
@@ -285,7 +289,12 @@ def state_arrays(
     if f.has_volume:
         assert model.bond_weight is not None
         state["bond_weight"] = model.bond_weight * linked[:-1]
-        state["end_dilation"] = np.zeros(f.slots * n)
+        if f.finite_strain:
+            state["centre_opening"] = np.zeros((b + 1, f.dim))
+            for name in ("displacement_gradient", "volume_pull"):
+                state[name] = np.zeros((n, f.dim, f.dim))
+        else:
+            state["end_dilation"] = np.zeros(f.slots * n)
         state["volume_stress"] = np.zeros(n)
         state["volume_stiffness"] = volume_stiffness(model, linked)
     if f.keeps_mean:
@@ -302,7 +311,16 @@ def state_arrays(
         state["plastic_strain"] = np.zeros(n)
         if f.plane == "strain":
             state["plastic_strain_zz"] = np.zeros(n)
-        state["return_loss"] = np.zeros(n)
+        if f.finite_strain:
+            state["return_factor"] = np.ones(n)
+            state["trial_force"] = np.zeros((b + 1, f.dim))
+            for name in ("kirchhoff_stress", "spring_stress", "plastic_gradient"):
+                state[name] = np.zeros((n, f.dim, f.dim))
+            state["plastic_growth"] = np.zeros(n)
+            if f.plane is not None:
+                state["plastic_growth_out"] = np.zeros(n)
+        else:
+            state["return_loss"] = np.zeros(n)
         state["spring_force"] = np.zeros((b, f.dim))
         state["bond_dissipation"] = np.zeros(b)
         if model.facet_bonds:
@@ -312,9 +330,10 @@ def state_arrays(
             state["evm_slip"] = np.zeros(model.evm_bonds)
             state["evm_tilt"] = np.zeros((2 * model.evm_bonds, f.dim))
         if f.has_dilation:
-            for name in ("plastic_dilation", "return_growth", "last_dilation"):
+            for name in ("plastic_dilation", "last_dilation", "last_volume_stress"):
                 state[name] = np.zeros(n)
-            state["last_volume_stress"] = np.zeros(n)
+            if not f.finite_strain:
+                state["return_growth"] = np.zeros(n)
             state["element_dissipation"] = np.zeros(n)
     if model.criteria:
         assert model.listed_bonds is not None
@@ -467,8 +486,14 @@ def mean_stiffness(model: Model, linked: Array) -> Array:
 
 
 def face_sum(model: Model, linked: Array) -> Array:
-    """s* of given links (theory B4): 3 where no face is missing, in plane stress 2."""
+    """s* of given links (theory B4): 3 where no face is missing, in plane stress 2.
+
+    At finite strain dilations are whole at free surfaces too.
+    """
     assert model.bond_face is not None
+    if model.features.finite_strain:
+        whole = float(model.features.dim + model.features.plane_strain)
+        return np.full(model.elements, whole)
     face = model.bond_face * np.repeat(linked, 2)
     s = face[model.incidence].sum(axis=0) / model.element_volume
     return s + model.features.plane_strain
@@ -522,9 +547,40 @@ def face_reach(model: Model) -> Array:
     assert model.bond_area is not None and model.bond_face is not None
     face = model.bond_face[:-2].reshape(-1, 2)  # S q, zero where no volume term acts
     reach = np.zeros(2 * model.bonds + 2)
-    square = (bond_ends(model) ** 2).sum(axis=2) * model.bond_area[:, None] ** 2
+    ends = bond_ends(model)
+    if model.inverse_shape is not None:  # the arms that dilations are made with
+        both = np.stack([model.bond_i, model.bond_j], axis=1)
+        ends = np.einsum("bsxy,bsx->bsy", model.inverse_shape[both], ends)
+    square = (ends**2).sum(axis=2) * model.bond_area[:, None] ** 2
     np.divide(square, face, out=reach[:-2].reshape(-1, 2), where=face > 0.0)
     return reach[model.incidence].sum(axis=0) / model.element_volume
+
+
+def _inverse_shape(model: Model, linked: Array) -> Array:
+    """B^-1 of every element (n, dim, dim), B = (1/V) sum w r (x) c over linked faces (theory B6).
+
+    r, from the element's centre to the other's; 0 for what has no faces of its own.
+    """
+    assert model.bond_weight is not None
+    n, dim = model.elements, model.features.dim
+    ends = bond_ends(model)
+    across = (model.bond_weight * linked)[:, None] * (ends[:, 0] - ends[:, 1])
+    shape = np.zeros((n, dim, dim))
+    for side, (element, sign) in enumerate(((model.bond_i, 1.0), (model.bond_j, -1.0))):
+        np.add.at(shape, element, sign * across[:, :, None] * ends[:, side, None, :])
+    shape /= model.element_volume[:, None, None]
+    size = np.linalg.svd(shape, compute_uv=False)
+    alone = size[:, 0] == 0.0
+    bad = ~alone & (size[:, -1] < LEAST_SHAPE)
+    if bad.any():
+        raise InputError(
+            f"elements {first_ids(bad)} have too few faces, or all near one plane, to have a "
+            "deformation gradient; leave them out (Packing.without) or finite_strain."
+        )
+    shape[alone] = np.eye(dim)
+    inverse = np.asarray(np.linalg.inv(shape), dtype=np.float64)
+    inverse[alone] = 0.0
+    return inverse
 
 
 def build(scene: Scene) -> Model:
@@ -562,6 +618,8 @@ def build(scene: Scene) -> Model:
         if scene.gravity.shape != (dim,):
             raise InputError(f"gravity has {len(scene.gravity)} components; give {dim}.")
         each["force"] += mass[:, None] * scene.gravity
+    if len({b.finite_strain for b in bodies}) > 1:
+        raise InputError("all bodies of a scene take finite_strain, or none does.")
     has_box = any(b.strain_history is not None for b in bodies)
     has_jump = has_box or any((b.shift @ b.mean_strain).any() for b in bodies)
     timed = [(b, load) for b in bodies for load in b.timed_loads]
@@ -590,6 +648,7 @@ def build(scene: Scene) -> Model:
         or any(law.retardation > 0.0 for law in viscous),
         branches=branches,
         has_retardation=any(law.retardation > 0.0 for law in viscous),
+        finite_strain=any(b.finite_strain for b in bodies),
         slots=len(incidence),
         faces=Faces(
             faces.is_central,
@@ -645,6 +704,10 @@ def build(scene: Scene) -> Model:
     _add_laws(model, stored, each["two_shear"], faces)
     if features.has_volume:
         _add_volume(model, stored, each, faces)
+    if features.finite_strain:
+        linked = np.concatenate([b.linked for b in stored])
+        linked = np.insert(linked, [facet_bonds - len(node_bonds)] * len(node_bonds), True)
+        model.inverse_shape = _inverse_shape(model, linked)
     if laws:
         _add_yielding(model, bodies)
     if viscous:

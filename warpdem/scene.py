@@ -43,6 +43,7 @@ class Body:
     facet_bending: bool
     yielding: tuple[YieldLaw | None, ...]  # of each material
     viscous: tuple[ViscousLaw | None, ...]  # likewise
+    finite_strain: bool = False
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -163,6 +164,7 @@ class Scene:
         facet_bending: bool = False,
         yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
         viscous: ViscousLaw | Sequence[ViscousLaw | None] | None = None,
+        finite_strain: bool = False,
     ) -> Body:
         """Add a body.
 
@@ -178,6 +180,8 @@ class Scene:
         viscous: the law by which shear stress relaxes (theory B12), or one (or None) for each
         material; None: elastic. Of branches (Prony, Maxwell, StandardLinearSolid) the material's
         moduli are the instantaneous ones, of KelvinVoigt those of the spring.
+        finite_strain: volumes, stresses and flow follow the elements' deformation gradients, for
+        plastic strains beyond a few per cent (theory B6); of all bodies of a scene or of none.
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -233,9 +237,13 @@ class Scene:
         _no_mixture(laws, creep)
         _check_fracture(packing, bond, laws, creep, fracture)
         has_volume |= any(law is not None for law in (*laws, *creep))
+        if finite_strain:
+            _check_finite(materials, bond, fracture, volume, laws, creep)
+            has_volume = True
         body = Body(
-            packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep
-        )
+            packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep,
+            finite_strain,
+        )  # fmt: skip
         if toughness is not None:
             body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
         self.bodies.append(body)
@@ -760,6 +768,29 @@ def _no_mixture(laws: tuple[YieldLaw | None, ...], creep: tuple[ViscousLaw | Non
             "shared between the two is not known here. For flow that depends on the rate give the "
             "yield law a rate, Perzyna or JohnsonCook."
         )
+
+
+def _check_finite(
+    materials: tuple[Material, ...],
+    bond: str | EVMBond,
+    fracture: Fracture | None,
+    volume: bool | None,
+    laws: tuple[YieldLaw | None, ...],
+    creep: tuple[ViscousLaw | None, ...],
+) -> None:
+    if bond != "facet" or volume is False:
+        raise InputError("finite_strain is of facet bonds with their volume term.")
+    if fracture is not None:
+        raise InputError(
+            "finite_strain is not for bonds that break: a deformation gradient needs its element's "
+            "faces; leave fracture or finite_strain out."
+        )
+    if any(law is not None for law in creep):
+        raise InputError("finite_strain is not for viscous laws; leave one of both out.")
+    if any(isinstance(law, Nikolaevsky) for law in laws):
+        raise InputError("finite_strain takes von Mises' flow; Nikolaevsky's is of small strain.")
+    if any(m.poisson < 0.0 for m in materials):
+        raise InputError("finite_strain needs Poisson's ratios of 0 or more.")
 
 
 def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:

@@ -17,7 +17,7 @@ from .stability import bound_damping, bound_frequency, largest_frequency, link_s
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
-from .trouble import Slips, Troubles
+from .trouble import Distortion, Slips, Troubles
 
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping, plastic flow and viscous branches took
@@ -114,10 +114,12 @@ class Simulation:
         )
         self._step.evaluate_forces()
         self._step.remember_springs()
-        self._troubles: list[Troubles | Slips] = []
+        self._troubles: list[Troubles | Slips | Distortion] = []
         if self.model.evm_bonds:
             self._troubles.append(Troubles(self.model, self._ids(), stops=trouble == "stop"))
-        if self.model.features.faces.has_slip:
+        if self.model.features.finite_strain:
+            self._troubles.append(Distortion(self.dt_limit))
+        elif self.model.features.faces.has_slip:
             self._troubles.append(Slips(self.model, self._ids(), stops=trouble == "stop"))
         if self.model.features.branches:
             self._tell_of_times()
@@ -286,7 +288,10 @@ class Simulation:
 
     @property
     def stress(self) -> Array:
-        """Average stress of every element [Pa], (n, 3, 3), tension positive; zero without faces."""
+        """Average stress of every element [Pa], (n, 3, 3), tension positive; zero without faces.
+
+        At finite strain the true (Cauchy) stress.
+        """
         return fields.stress_tensor(self._step.evaluate_stress())[: self.model.own_elements]
 
     @property
@@ -328,6 +333,13 @@ class Simulation:
         angle = 2.0 * np.arctan2(half, np.abs(q[:, -1]))
         share = np.divide(angle, half, out=np.full(len(q), 2.0), where=half > 0.0)
         return (sign * share)[:, None] * q[:, :-1]
+
+    @property
+    def deformation_gradient(self) -> Array:
+        """F of every element at finite strain, (n, dim, dim): how its surroundings deformed."""
+        if not self.model.features.finite_strain:
+            raise InputError("deformation gradients are known of bodies with finite_strain.")
+        return np.eye(self.model.features.dim) + self._own("displacement_gradient")
 
     @property
     def plastic_strain(self) -> Array:

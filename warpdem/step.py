@@ -30,6 +30,16 @@ from .kernels.facet import (
     facet_settle,
     facet_unlink,
 )
+from .kernels.finite import (
+    centre_openings,
+    deformations,
+    finite_forces,
+    finite_return,
+    finite_slip,
+    kirchhoff_stresses,
+    share_growth,
+    true_stress,
+)
 from .kernels.fracture import break_beams, break_bonds, criterion_numbers, log_breaks
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
@@ -70,6 +80,7 @@ OPTIONAL = frozenset(
         *("hardening_strain", "hardening_stress", "plastic_strain"),
         *("bond_keep", "break_damage", "softening_end"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
+        *("trial_force", "plastic_growth_out"),
     }
 )
 # sums over many steps, in float64 always
@@ -204,9 +215,11 @@ class Step:
     def remember_springs(self) -> None:
         """Start the books of flow and creep anew, after forces were evaluated for a given state."""
         if self.model.yielding:
-            self.arrays["return_loss"].zero_()
-            if self.model.features.has_dilation:
-                self.arrays["return_growth"].zero_()
+            for name in ("return_loss", "return_growth", "plastic_gradient"):
+                if name in self.arrays:
+                    self.arrays[name].zero_()
+            if "return_factor" in self.arrays:
+                self.arrays["return_factor"].fill_(1.0)
         if self.model.yielding or self.model.element_law is not None:
             self._remember.launch()
 
@@ -487,17 +500,30 @@ class Step:
         """Return of stresses beyond yield, the slips that this leaves, forces after them."""
         (s, k), m, f = self._space, self.model, self.model.features
         passes, numbers = [], numbers_type(s)
+        if not m.yielding:
+            return []
+        if f.finite_strain:
+            law = kirchhoff_stresses(s, k, f.faces, f.slots, self._simd)
+            passes.append(self._bind(law, m.elements, elements=m.elements))
         for group in m.yielding:
-            law = radial_return(s, k, f.faces, f.slots, f.plane, group.flow, self._simd)
+            if f.finite_strain:
+                law = finite_return(s, k, f.plane, group.flow, self._simd)
+            else:
+                law = radial_return(s, k, f.faces, f.slots, f.plane, group.flow, self._simd)
             given: dict[str, Any] = {"elements": m.elements, "first": group.first, "dt": self.dt}
             given["numbers"] = numbers(*group.numbers)
             passes.append(self._bind(law, group.count, **given))
-        if not passes:
-            return []
+        if f.finite_strain:
+            law = share_growth(s, k, f.faces, f.slots, f.plane, self._simd)
+            numbers_given: dict[str, Any] = {"bonds": m.bonds, "elements": m.elements}
+            passes.append(self._bind(law, len(self._flowing), **numbers_given))
         books = []
-        mean = {"return_mean": self.arrays["return_mean" if f.plane == "stress" else "mean_stress"]}
+        mean = {"return_mean": self.arrays["mean_stress" if f.keeps_mean else "return_mean"]}
         if m.facet_bonds:
-            law = facet_slip(s, k, f.faces, f.has_dilation, f.evaluates_anew, self._simd)
+            if f.finite_strain:
+                law = finite_slip(s, k, f.faces, f.evaluates_anew, self._simd)
+            else:
+                law = facet_slip(s, k, f.faces, f.has_dilation, f.evaluates_anew, self._simd)
             books.append(self._bind(law, m.facet_bonds, **mean))
         if m.evm_bonds:
             law = evm_slips(s, k, f.faces, f.has_dilation, self._simd)
@@ -649,6 +675,8 @@ class Step:
         if near:
             listed, listed_elements = self.arrays["near_bonds"], self.arrays["near_elements"]
             bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
+        if f.finite_strain:
+            return self._finite_passes(has_dilations)
         passes = []
         if f.has_volume:
             if not has_dilations:
@@ -664,7 +692,23 @@ class Step:
             law = evm_forces(s, k, f.faces, f.has_volume, f.large_rotation, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
-        return passes + self._over_listed(
+        return passes + self._closing()
+
+    def _finite_passes(self, has_openings: bool) -> list[wp.Launch]:
+        """Forces of all bonds, of facets alone, at finite strain."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        passes = []
+        if not has_openings:
+            passes.append(self._bind(centre_openings(s, k, f.faces, self._simd), m.bonds))
+        law = deformations(s, k, f.faces, f.slots, f.has_dilation, self._simd)
+        passes.append(self._bind(law, m.elements, elements=m.elements))
+        passes.append(self._bind(finite_forces(s, k, f.faces, f.has_bending, self._simd), m.bonds))
+        return passes + self._closing()
+
+    def _closing(self) -> list[wp.Launch]:
+        """Unlinked pairs resist closing."""
+        (s, k), f = self._space, self.model.features
+        return self._over_listed(
             facet_closing(s, k, f.faces, self._simd),
             evm_closing(s, k, f.faces.has_slip, self._simd),
             slack=self._slack,
@@ -736,7 +780,10 @@ class Step:
 
     def _stress(self, listed: str) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
-        law = element_stress(s, k, f.faces, f.slots, f.has_volume, f.plane_strain, self._simd)
+        if f.finite_strain:
+            law = true_stress(s, k, f.faces, f.slots, f.plane, self._simd)
+        else:
+            law = element_stress(s, k, f.faces, f.slots, f.has_volume, f.plane_strain, self._simd)
         ids = self.arrays[listed]
         return self._bind(law, ids.size, listed=ids, elements=m.elements)
 

@@ -1,4 +1,7 @@
-"""Bonds deformed beyond what their law stands for (theory A5, B2a): told once, with ids."""
+"""What is deformed beyond what its law or its time step stands for: told once, with ids.
+
+EVM bonds (theory A5), slips of plastic flow and creep (B2a), elements at finite strain (B6).
+"""
 
 import warnings
 from math import degrees, pi
@@ -6,8 +9,9 @@ from math import degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, ModelWarning, TroubledBondError
+from .errors import Array, ModelWarning, TroubledBondError, first_ids
 from .kernels.evm import CRUSHED
+from .kernels.finite import LEAST_JACOBIAN
 from .model import Model, bond_ends
 from .step import Step
 
@@ -15,6 +19,7 @@ TWIST = pi / 3.0  # torsion is 17 % soft here; its moment falls from pi/2 on
 TURN = 0.95 * pi  # angles of bonds with large_rotation have a kink at pi
 KINDS = ("twisted", "bent", "crushed")
 SLIP = 0.3  # of a bond's length: beyond, its face is no longer the one it was (theory B2a)
+DISTORTED = 25.0  # ratio of stretches up to which finite strain was validated
 TYPE = [("bond", int), ("i", int), ("j", int), ("step", int), ("kind", "U8"), ("value", float)]
 ADVICE = {
     "twisted": "take more bonds along the length, or EVMBond(large_rotation=True)",
@@ -170,3 +175,57 @@ class Slips:
         if m.node_bonds is not None:
             share[m.node_bonds] = np.maximum(share[m.node_bonds], share[m.second_bonds])
         return share[m.own_bonds]
+
+
+class Distortion:
+    """Elements at finite strain whose lattice is too distorted; each kind is told of once.
+
+    Where the lattice is squeezed the volume energy pulls the harder, where it is stretched springs
+    have longer arms: the greatest frequency grows up to 1/least and up to the greatest stretch.
+    """
+
+    def __init__(self, dt_limit: float) -> None:
+        self._dt_limit = dt_limit
+        self._told: set[str] = set()
+
+    @property
+    def log(self) -> NDArray[np.void]:
+        """No bonds: it is elements that are told of."""
+        return np.zeros(0, dtype=TYPE)
+
+    def check(self, step: Step) -> None:
+        """Look at all elements; warn of new trouble."""
+        h = step.download("displacement_gradient").astype(np.float64)
+        gradient = np.eye(h.shape[1]) + h
+        stretch = np.linalg.svd(gradient, compute_uv=False)
+        share = np.minimum(stretch[:, -1], 1.0 / stretch[:, 0])
+        limit = self._dt_limit * float(share.min())
+        self._tell(
+            "inverted",
+            np.linalg.det(gradient) <= LEAST_JACOBIAN,
+            step,
+            "are squeezed to nothing or turned inside out; take a smaller dt or more elements",
+        )
+        self._tell(
+            "unstable",
+            step.dt > share * self._dt_limit,
+            step,
+            f"are stretched so much that the time step may no longer be stable; give a dt of "
+            f"{limit:.2g} s or less",
+        )
+        self._tell(
+            "distorted",
+            stretch[:, 0] > DISTORTED * stretch[:, -1],
+            step,
+            f"are distorted beyond the ratio {DISTORTED:g} of their stretches, up to which "
+            "finite strain is validated",
+        )
+
+    def _tell(self, kind: str, bad: NDArray[np.bool_], step: Step, what: str) -> None:
+        if bad.any() and kind not in self._told:
+            self._told.add(kind)
+            warnings.warn(
+                f"at step {step.count} elements {first_ids(bad)} {what}.",
+                ModelWarning,
+                stacklevel=5,
+            )

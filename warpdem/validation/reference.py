@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import Array
 from ..material import Material
+from ..packing import Packing
 
 
 def rotation_matrices(orientation: Array) -> Array:
@@ -384,3 +385,176 @@ class Creep:
     def _sums(self, first: Array, second: Array) -> Array:
         n = len(self.volume)
         return (np.bincount(self.i, first, n) - np.bincount(self.j, second, n)) / self.volume
+
+
+def finite_energy(
+    packing: Packing,
+    displacement: Array,
+    orientation: Array,
+    slip: Array,
+    plastic_dilation: Array,
+    material: Material,
+) -> float:
+    """U of theory B6 at finite strain, from full rotations and present places [J].
+
+    slip: how far the anchors of each bond are from its facet points, in the elements' frames
+    (b, 2, dim); plastic_dilation: P of every element (n,).
+    """
+    dim, (i, j) = packing.dim, packing.bonds.T
+    assert packing.area is not None and packing.arms is not None
+    q = rotation_matrices(orientation)[:, :dim, :dim]
+    x = packing.position + displacement
+    arms, w = packing.arms, packing.area / packing.bond_length
+    yi = x[i] + np.einsum("bxy,by->bx", q[i], arms[:, 0] + slip[:, 0])
+    yj = x[j] + np.einsum("bxy,by->bx", q[j], arms[:, 1] + slip[:, 1])
+    pair = material.shear_modulus * (w * ((yj - yi) ** 2).sum(axis=1)).sum()
+    now, then = np.zeros((2, len(x), dim, dim))
+    for side, (own, other) in enumerate(((i, j), (j, i))):
+        across = np.einsum("b,bx,by->bxy", w, x[other] - x[own], arms[:, side])
+        before = packing.position[other] - packing.position[own]
+        np.add.at(now, own, across)
+        np.add.at(then, own, np.einsum("b,bx,by->bxy", w, before, arms[:, side]))
+    dilation = np.log(np.linalg.det(now) / np.linalg.det(then)) - plastic_dilation
+    d = material.coupling
+    a = 2.0 * material.shear_modulus * d / (3.0 - d * (dim + (packing.plane == "strain")))
+    return float(pair + (0.5 * packing.volume * a * dilation**2).sum())
+
+
+def finite_flow(
+    packing: Packing,
+    displacement: Array,
+    orientation: Array,
+    slip: Array,
+    plastic: Array,
+    dilation: Array,
+    out: Array,
+    material: Material,
+    flow_stress: Callable[[float], float],
+) -> tuple[Array, Array, Array, Array]:
+    """One return of theory B6 at finite strain: slips (b, 2, dim), plastic strain, P, eps_zz after.
+
+    plastic, dilation, out: plastic strain, P and plastic eps_zz of every element before.
+    """
+    from scipy.optimize import brentq
+
+    dim, (i, j), n = packing.dim, packing.bonds.T, len(packing)
+    assert packing.area is not None and packing.arms is not None
+    plane, g2 = packing.plane, 2.0 * material.shear_modulus
+    q = rotation_matrices(orientation)[:, :dim, :dim]
+    x, arms = packing.position + displacement, packing.arms
+    w = packing.area / packing.bond_length
+    anchor = [np.einsum("bxy,by->bx", q[e], arms[:, s] + slip[:, s]) for s, e in ((0, i), (1, j))]
+    spring = g2 * w[:, None] * (x[j] + anchor[1] - x[i] - anchor[0])
+    own = ((i, j, 1.0, 0), (j, i, -1.0, 1))
+
+    def summed(value: Array) -> Array:
+        total = np.zeros((n, *value.shape[2:]))
+        for side, (element, *_) in enumerate(own):
+            np.add.at(total, element, value[:, side])
+        return total / packing.volume.reshape(-1, *[1] * (value.ndim - 2))
+
+    def over(pairs: list[Array]) -> Array:
+        return summed(np.stack(pairs, axis=1))
+
+    shape = over(
+        [np.einsum("b,bx,by->bxy", w * f, packing.bond_vector, arms[:, s]) for _, _, f, s in own]
+    )
+    inverse = np.linalg.inv(shape)
+    f = over([np.einsum("b,bx,by->bxy", w * f, x[j] - x[i], arms[:, s]) for _, _, f, s in own])
+    f = f @ inverse
+    d = material.coupling
+    a = g2 * d / (3.0 - d * (dim + (plane == "strain")))
+    elastic = np.log(np.linalg.det(f)) - dilation
+    pull = np.einsum("n,nxy,nzy->nxz", a * elastic, np.linalg.inv(f).swapaxes(1, 2), inverse)
+    force = spring + w[:, None] * (
+        np.einsum("bxy,by->bx", pull[i], arms[:, 0]) - np.einsum("bxy,by->bx", pull[j], arms[:, 1])
+    )
+    nominal = over([np.einsum("bx,by->bxy", f * force, arms[:, s]) for _, _, f, s in own])
+    springs = over([np.einsum("bx,by->bxy", f * spring, arms[:, s]) for _, _, f, s in own])
+    springs = springs @ inverse
+    rate, share, grown, widened = np.zeros((n, dim, dim)), np.ones(n), np.zeros(n), np.zeros(n)
+    extra = np.zeros(n)
+    for e in range(n):
+        tau, b = np.zeros((3, 3)), np.eye(3)
+        tau[:dim, :dim] = nominal[e] @ f[e].T
+        tau = 0.5 * (tau + tau.T)
+        b[:dim, :dim] = f[e] @ f[e].T
+        volume = np.linalg.det(f[e])
+        pulled = springs[e] @ f[e].T
+        z = np.trace(pulled) - g2 * elastic[e]
+        if plane == "strain":
+            tau[2, 2] = a * elastic[e] - g2 * out[e]
+            z -= g2 * out[e]
+        if plane == "stress":
+            volume *= np.exp(-a * elastic[e] / g2 - dilation[e])
+        if von_mises(tau) <= volume * flow_stress(plastic[e]):
+            continue
+        mean = np.trace(tau) / 3.0 - z / 3.0
+
+        def after(y: float, tau=tau, b=b, mean=mean) -> tuple[Array, Array]:
+            """tau + G sym(D b)/.. = trial, D = y (tau - m)/2G, as one linear system."""
+            unit = np.eye(9).reshape(9, 3, 3)
+            plate = plane == "stress"
+
+            def fallen(t: Array) -> Array:
+                m = np.trace(t) / 3.0 if plate else 0.0
+                flow = y * (t - m * np.eye(3))
+                if plate:
+                    flow[2], flow[:, 2] = 0.0, 0.0
+                less = t + 0.5 * (flow @ b + b @ flow)
+                if plate:
+                    less[:2, :2] += y * a / g2 * m * np.eye(2)
+                return less
+
+            right = tau.copy()
+            if not plate:
+                right += y * mean * b
+            system = np.stack([fallen(t).ravel() for t in unit], axis=1)
+            t = np.linalg.solve(system, right.ravel()).reshape(3, 3)
+            return t, t - (np.trace(t) / 3.0 if plate else mean) * np.eye(3)
+
+        def excess(y: float, e=e, volume=volume) -> float:
+            t, _ = after(y)
+            p = plastic[e] + 2.0 / 3.0 * y / g2 * von_mises(t)
+            return von_mises(t) - volume * flow_stress(p)
+
+        top = 1.0
+        while excess(top) > 0.0:
+            top *= 2.0
+        y = float(brentq(excess, 0.0, top, xtol=1e-15, rtol=1e-14))
+        t, way = after(y)
+        gain = (way[:dim, :dim] * pulled).sum() - (way[2, 2] * g2 * out[e] if dim == 2 else 0.0)
+        if plane == "stress":
+            gain = (way[:2, :2] * pulled).sum()
+        y = max(min(y, gain / (0.5 * np.trace(way @ way @ b))), 0.0)
+        rate[e], share[e] = (y / g2 * way)[:dim, :dim] @ f[e], 1.0 / (1.0 + y)
+        grown[e] = 2.0 / 3.0 * y / g2 * von_mises(t)
+        widened[e] = y / g2 * (np.trace(t) / 3.0 if plane == "stress" else way[2, 2])
+        extra[e] = -y / (1.0 + y) * z / g2 if plane == "stress" else 0.0
+    # slips, and plastic strains as the slips around an element
+    across = arms[:, 0] - arms[:, 1]
+    qi = (arms[:, 0] * across).sum(axis=1)
+    wi = 1.0 - qi / (across**2).sum(axis=1)
+    kept = wi * share[i] + (1.0 - wi) * share[j]
+    shared = wi[:, None, None] * springs[i] + (1.0 - wi)[:, None, None] * springs[j]
+    beside = spring - w[:, None] * np.einsum("bxy,by->bx", shared, across)
+    relaxed = 0.5 * ((1.0 - kept) / (g2 * w))[:, None] * beside
+    moved = slip.copy()
+    for side, (element, _, sign, s) in enumerate(own):
+        p = relaxed + sign * np.einsum("bxy,by->bx", rate[element], arms[:, s])
+        moved[:, side] += sign * np.einsum("bxy,bx->by", q[element], p)
+
+    def counted(value: Array) -> Array:
+        parts = []
+        for element, other, _, s in own:
+            way = np.einsum("bxy,bx->by", inverse[element], arms[:, s]) * w[:, None] / dim
+            parts.append(
+                (way * arms[:, s]).sum(axis=1) * value[element]
+                - (way * arms[:, 1 - s]).sum(axis=1) * value[other]
+            )
+        return over(parts)
+
+    spread = counted(widened)
+    zz = out + spread if plane == "strain" else out
+    larger = dilation + extra + spread if plane == "stress" else dilation
+    return moved, plastic + counted(grown), larger, zz
