@@ -74,6 +74,16 @@ def test_viscoelasticity_script(tmp_path, monkeypatch, capsys):
     assert left == pytest.approx(exact, rel=1e-6)
 
 
+def test_plasticity_script(tmp_path, monkeypatch, capsys):
+    (script,) = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs" / "plasticity.md").read_text(), re.S
+    )
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "plasticity.md", "exec"), {})
+    # uniaxial plane strain
+    assert float(capsys.readouterr().out) == pytest.approx(2 / 3**0.5, rel=2e-3)
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name
 )
