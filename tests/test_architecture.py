@@ -30,9 +30,10 @@ ALLOWED = {
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
     },
+    "calibration": {"errors", "criteria", "experiments"},
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
-        *("moduli", "statics", "experiments"),
+        *("calibration", "moduli", "observe", "statics", "experiments"),
     },
     "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
 }

@@ -4,11 +4,21 @@ from typing import TYPE_CHECKING
 
 from . import experiments, packing
 from .bond import EVMBond
+from .calibration import StrengthCalibration, calibrate_strength
 from .criteria import DruckerPrager, HuberMisesHencky, Rankine
 from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
-from .observe import CrackTracker, PlaneProbe, Probe, Snapshot
+from .observe import (
+    CrackTracker,
+    FracturePlane,
+    PlaneProbe,
+    Probe,
+    Snapshot,
+    StressStrain,
+    When,
+    fracture_plane,
+)
 from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
 from .scene import Body, Scene, Servo
@@ -29,6 +39,7 @@ __all__ = [
     "CrackTracker",
     "DruckerPrager",
     "EVMBond",
+    "FracturePlane",
     "HuberMisesHencky",
     "InputError",
     "JohnsonCook",
@@ -50,16 +61,21 @@ __all__ = [
     "Servo",
     "Simulation",
     "Snapshot",
+    "StrengthCalibration",
+    "StressStrain",
     "Table",
     "TroubledBondError",
     "Tube",
     "UsdWriter",
     "Voce",
     "VonMises",
+    "When",
     "calibrate",
+    "calibrate_strength",
     "draw_field",
     "draw_structure",
     "experiments",
+    "fracture_plane",
     "lattice_bond",
     "lattice_moduli",
     "packing",
