@@ -37,9 +37,11 @@ ALLOWED = {
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
     },
+    "calibration": {"errors", "criteria", "experiments"},
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
-        *("moduli", "statics", "experiments", "plasticity", "toughness", "viscoelasticity"),
+        *("calibration", "moduli", "observe", "statics", "experiments", "plasticity", "toughness"),
+        "viscoelasticity",
     },
     "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
 }

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from . import experiments, packing
 from .bond import EVMBond
+from .calibration import StrengthCalibration, calibrate_strength
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -20,7 +21,18 @@ from .criteria import (
 from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
-from .observe import CrackTracker, FragmentTracker, PlaneProbe, Probe, Snapshot, fragments
+from .observe import (
+    CrackTracker,
+    FracturePlane,
+    FragmentTracker,
+    PlaneProbe,
+    Probe,
+    Snapshot,
+    StressStrain,
+    When,
+    fracture_plane,
+    fragments,
+)
 from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
 from .scene import Body, Scene, Servo
@@ -47,6 +59,7 @@ __all__ = [
     "DamageRate",
     "DruckerPrager",
     "EVMBond",
+    "FracturePlane",
     "FragmentTracker",
     "HuberMisesHencky",
     "Incubation",
@@ -78,6 +91,8 @@ __all__ = [
     "Simulation",
     "Snapshot",
     "StandardLinearSolid",
+    "StrengthCalibration",
+    "StressStrain",
     "Table",
     "Toughness",
     "TroubledBondError",
@@ -85,10 +100,13 @@ __all__ = [
     "UsdWriter",
     "Voce",
     "VonMises",
+    "When",
     "calibrate",
+    "calibrate_strength",
     "draw_field",
     "draw_structure",
     "experiments",
+    "fracture_plane",
     "fragments",
     "lattice_bond",
     "lattice_moduli",

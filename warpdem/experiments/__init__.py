@@ -1,6 +1,7 @@
 """Published experiments as functions, each also a command `warpdem run NAME`."""
 
 from .brazilian import Brazilian, brazilian
+from .envelope import Envelope, strength_envelope
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .rock import Rock, RockResult
@@ -11,6 +12,7 @@ __all__ = [
     "Brazilian",
     "Compression",
     "Confined",
+    "Envelope",
     "ModeI",
     "ModeIResult",
     "Result",
@@ -23,5 +25,6 @@ __all__ = [
     "confined",
     "material_strength",
     "mode_i",
+    "strength_envelope",
     "tension",
 ]

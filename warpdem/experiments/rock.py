@@ -32,10 +32,12 @@ from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
 PLANES = ("stress", "strain", "space")
 PACKINGS = ("voronoi", "hexagonal", "fcc")
 PAST = 1.25  # times the strain at the peak: then a run is over
+TURNED = 1.4  # rad: a loose element that rolls on would turn its faces inside out
 LONGEST = 1.25  # times the load's way to the criterion's strength: then the run is over
 UNEXPLAINED = 1e-3  # of the energy: more is told
 ELASTIC = (0.1, 0.5)  # of the peak: where moduli are read, if no more than
 FEW = 1e-3  # of the bonds are broken
+TANGENT = 0.05  # of the strength: by which a pressure is varied for its slope
 BAND = 4.0  # width of a band of broken bonds, in spacings
 FALLEN = 0.85  # of the peak: bonds broken until then make the fracture plane
 SANDSTONE = DruckerPrager(compression=50e6, ratio=5.0)
@@ -50,7 +52,7 @@ class Rock(ABC):
     modulus `weibull` (infinite: none), without which a homogeneous specimen breaks everywhere at
     once. The load grows to the strength of the criterion while a pressure wave crosses the specimen
     `crossings` times, with local damping; the run ends when the force has fallen to `stop` of its
-    peak, or a quarter more strain after it.
+    peak, a quarter more strain after it, or when a loose element has rolled over.
     """
 
     spacing: Annotated[float, "Distance of elements, m."] = 1e-3
@@ -65,7 +67,7 @@ class Rock(ABC):
     ] = SANDSTONE
     weibull: Annotated[float, "Weibull modulus of the strengths of bonds; inf: all alike."] = 10.0
     crossings: Annotated[float, "Crossings of a pressure wave in the time of loading."] = 60.0
-    damping: Annotated[float, "Local damping, 0 to below 1."] = 0.7
+    damping: Annotated[float, "Local damping, 0 to below 1."] = 0.4
     stop: Annotated[float, "Share of the peak at which the run ends."] = 0.5
 
     name: ClassVar[str]
@@ -124,15 +126,18 @@ class Rock(ABC):
         vector[self.axis] = value
         return vector
 
-    def break_angle(self) -> float:
+    def break_angle(self, pressure: float, strength: float) -> float:
         """Angle of shear planes to the axis of compression, 45 degrees - phi/2.
 
-        phi is that of the Mohr-Coulomb line through the criterion's uniaxial strengths.
+        phi is that of the criterion's strength against the pressure on the sides, at this pressure
+        [Pa], where it bears `strength` [Pa] more.
         """
-        tension, compression = self.strength(self.along()), self.strength(self.along(-1.0))
-        if not isfinite(compression):
+        more = TANGENT * strength
+        further = self.strength(self.along(-1.0), np.full(self.dim, -pressure - more))
+        slope = 1.0 + (further - strength) / more
+        if not isfinite(slope) or slope <= 0.0:
             return nan
-        return 45.0 - 0.5 * degrees(asin((compression - tension) / (compression + tension)))
+        return 45.0 - 0.5 * degrees(asin((slope - 1.0) / (slope + 1.0)))
 
 
 @dataclass
@@ -183,7 +188,8 @@ class RockResult(Result):
     first; strain_rate [1/s]; tensile_breaks, shear_breaks: of broken bonds, by the greater of
     normal and shear stress; fracture_angle: between the plane of fracture and the axis of the load
     [degrees], by bonds broken until the stress had fallen to 0.85 of the peak, with the share of
-    them that lie in that band; expected_angle: 45 degrees - phi/2 in compression.
+    them that lie in that band; expected_angle: in compression 45 degrees - phi/2, phi being that of
+    the criterion's strength against the pressure on the sides.
     """
 
     strength: float
@@ -260,6 +266,7 @@ def rock_test(
     sim = build(rig.scene, device, precision, say, rig.size, local_damping=p.damping)
     history = rig.history
     sim.observe(history)
+    sim.observe(_Rolling())
     likely = round(rig.loading / sim.dt)
     say(
         f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s; the criterion breaks at "
@@ -335,6 +342,23 @@ def check_breaks(strength: float, p: Rock) -> float:
             "ratio, or take plane='stress' or 'space'."
         )
     return strength
+
+
+class _Rolling:
+    """Ends a run in which a loose element rolls.
+
+    Unlinked pairs touch along the mean of the normals that both carry, which is none where these
+    are opposite: beyond half a turn the energy of a contact means nothing.
+    """
+
+    every = 20
+
+    def observe(self, sim: Simulation) -> None:
+        if np.linalg.norm(sim.rotation, axis=1).max() > TURNED:
+            sim.stop()
+
+    def finish(self, sim: Simulation) -> None:
+        pass
 
 
 class _Film:

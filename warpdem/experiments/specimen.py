@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar, Unpack
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, ClassVar, Unpack
 
 import numpy as np
 
@@ -56,6 +56,11 @@ class Specimen(Rock):
             )
 
     @property
+    def common(self) -> dict[str, Any]:
+        """The parameters that all tests of a specimen have."""
+        return {f.name: getattr(self, f.name) for f in fields(Specimen)}
+
+    @property
     def axis(self) -> int:
         """Axis of the load, the last."""
         return self.dim - 1
@@ -105,6 +110,7 @@ class Specimen(Rock):
         core = inner & ~lateral
         if core.sum() < 4 * self.dim:
             core = inner
+        angle = 90.0 if self.sign > 0.0 else self.break_angle(self.pressure, strength)
         scale, unit = unit_of(self.height)
         edges = [self.width, self.height] if self.dim == 2 else [self.width] * 2 + [self.height]
         size = " x ".join(f"{e * scale:g}" for e in edges)
@@ -113,7 +119,7 @@ class Specimen(Rock):
             area=float(p.volume.sum()) / self._length(p), core=core,
             strength=strength + self.pressure, loading=loading,
             strain_rate=float(abs(strain[axis]) / loading), size=f"specimen {size} {unit}",
-            angle=90.0 if self.sign > 0.0 else self.break_angle(), stop=self.stop,
+            angle=angle, stop=self.stop,
         )  # fmt: skip
 
     def _length(self, p: Packing) -> float:

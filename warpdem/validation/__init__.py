@@ -10,6 +10,7 @@ from . import (  # noqa: F401  they register
     incremental,
     mca,
     plastic,
+    rock,
     visco,
     waves,
 )

@@ -71,30 +71,30 @@ def draw_envelope(
     title: str,
     confining: Array,
     strength: Array,
-    criterion_confining: Array,
-    criterion_strength: Array,
-    scale: float,
-    label: str = "",
+    line_confining: Array,
+    line_strength: Array,
+    slope: float,
+    compression: float,
 ) -> None:
     """Strength against confining pressure [Pa], (c,), beside the criterion's line (k,).
 
-    A first point of negative strength is that of direct tension. scale: strength of the specimens
-    over that of the criterion, by which a second line is drawn.
+    slope, compression [Pa]: of the straight line through the points.
     """
     path = Path(path)
     folder(path.parent)
     fig = Figure(figsize=(7.5, 6.0), layout="constrained")
     ax = fig.add_subplot()
-    x, line = criterion_confining * MEGA, criterion_strength * MEGA
-    ax.plot(x, line, color="0.35", label="criterion in homogeneous stress")
-    ax.plot(x, _scaled(criterion_confining, criterion_strength, scale) * MEGA, color="0.35",
-            ls="--", label=f"the same, strengths times {scale:.3g}")  # fmt: skip
-    ax.plot(confining * MEGA, strength * MEGA, "o", color="C3", ms=8, label=label)
-    ax.axhline(0.0, color="0.8", lw=0.8, zorder=0)
+    ax.plot(line_confining * MEGA, line_strength * MEGA, color="0.35",
+            label="criterion in homogeneous stress")  # fmt: skip
+    ends = np.array([0.0, confining.max()])
+    ax.plot(ends * MEGA, (compression + slope * ends) * MEGA, color="C3", ls="--", lw=1.2,
+            label=f"{compression * MEGA:.3g} MPa + {slope:.3g} x pressure")  # fmt: skip
+    ax.plot(confining * MEGA, strength * MEGA, "o", color="C3", ms=8, label="specimens")
     ax.set(
         xlabel="confining pressure [MPa]",
         ylabel="axial stress at the peak, compression positive [MPa]",
         title=title,
+        ylim=(0.0, None),
     )
     ax.legend(loc="upper left")
     with whole(path) as part:
@@ -235,8 +235,3 @@ def _span(break_strain: Array, factor: float) -> Normalize:
         return Normalize(0.0, 1.0)
     low, high = factor * np.percentile(break_strain, [2.0, 100.0])
     return Normalize(float(low), float(max(high, low + 1e-6)))
-
-
-def _scaled(confining: Array, strength: Array, scale: float) -> Array:
-    """The line of a criterion whose strengths are `scale` times as large, at these pressures."""
-    return np.interp(confining, scale * confining, scale * strength)
