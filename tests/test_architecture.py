@@ -33,7 +33,7 @@ ALLOWED = {
     },
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
-        *("moduli", "statics", "experiments"),
+        *("moduli", "statics", "experiments", "viscoelasticity"),
     },
     "cli": {"errors", "experiments", "observe", "simulation", "validation", "write"},
 }
