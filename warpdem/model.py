@@ -1050,12 +1050,14 @@ def _viscous_laws(bodies: list[Body], each: dict[str, Array]) -> list[ViscousLaw
     at = 0
     for body in bodies:
         here = slice(at, at := at + len(body.packing))
-        numbers = []
-        for law in body.viscous:
-            if law is not None and law not in laws:
-                laws.append(law)
-            numbers.append(0.0 if law is None else 1.0 + laws.index(law))
-        each["viscous"][here] = np.array(numbers)[body.grain]
+        numbers = np.zeros(len(body.materials))
+        for material in np.unique(body.grain):
+            law = body.viscous[material]
+            if law is not None:
+                if law not in laws:
+                    laws.append(law)
+                numbers[material] = 1.0 + laws.index(law)
+        each["viscous"][here] = numbers[body.grain]
     return laws
 
 

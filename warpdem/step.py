@@ -83,12 +83,13 @@ OPTIONAL = frozenset(
         *("trial_force", "plastic_growth_out"),
     }
 )
-# sums over many steps, in float64 always
+# sums over many steps, and what flows by little in one, in float64 always
 DISSIPATION = ("bond_dissipation", "element_dissipation")
 SUMS = frozenset(
     {
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
+        *("retarded_dilation", "retarded_lost", "last_element_dilation"),
     }
 )
 # arithmetic of forces, arithmetic of places

@@ -570,36 +570,36 @@ def retarded_volume(s: Laws, slots: int, is_at_rest: bool, simd: bool = True):
         element_volume: wp.array(dtype=real),
         # state read
         retarded_stiffness: wp.array(dtype=real),
-        retarded_lost: wp.array(dtype=real),
+        retarded_lost: wp.array(dtype=wp.float64),
         volume_stiffness: wp.array(dtype=real),
         end_dilation: wp.array(dtype=real),
         # written
-        retarded_dilation: wp.array(dtype=real),
-        last_element_dilation: wp.array(dtype=real),
+        retarded_dilation: wp.array(dtype=wp.float64),
+        last_element_dilation: wp.array(dtype=wp.float64),
         plastic_dilation: wp.array(dtype=real),
         element_dissipation: wp.array(dtype=wp.float64),
         elements: int,
     ):
         i = retarded_elements[wp.tid()]
-        e = real(0.0)
+        total = real(0.0)
         for slot in range(wp.static(slots)):
-            e += end_dilation[nn(slot * elements + i)]
-        e = e / element_volume[i]
+            total += end_dilation[nn(slot * elements + i)]
+        e = wp.float64(total / element_volume[i])
         before = retarded_dilation[i]
         after = e
         if wp.static(not is_at_rest):
-            mean = real(0.5) * (e + last_element_dilation[i])
+            mean = wp.float64(0.5) * (e + last_element_dilation[i])
             after = before + retarded_lost[i] * (mean - before)
         last_element_dilation[i] = e
         retarded_dilation[i] = after
         a = volume_stiffness[i]
         branch = retarded_stiffness[i]
         share = wp.where(a == real(0.0), real(0.0), branch / a)
-        plastic_dilation[i] = share * after
+        plastic_dilation[i] = share * real(after)
         if wp.static(not is_at_rest):
-            held = element_volume[i] * (real(1.0) - share) * branch
-            change = real(0.5) * held * (after - before) * (after + before)
-            element_dissipation[i] = element_dissipation[i] - wp.float64(change)
+            held = wp.float64(real(0.5) * element_volume[i] * (real(1.0) - share) * branch)
+            change = held * (after - before) * (after + before)
+            element_dissipation[i] = element_dissipation[i] - change
 
     return kernel(retarded_volume, simd)
 
@@ -616,14 +616,14 @@ def retarded_energies(s: Laws, simd: bool = True):
         # state read
         retarded_stiffness: wp.array(dtype=real),
         volume_stiffness: wp.array(dtype=real),
-        retarded_dilation: wp.array(dtype=real),
+        retarded_dilation: wp.array(dtype=wp.float64),
         # written
         volume_energy: wp.array(dtype=real),
     ):
         i = retarded_elements[wp.tid()]
         a = volume_stiffness[i]
         branch = retarded_stiffness[i]
-        z = retarded_dilation[i]
+        z = real(retarded_dilation[i])
         held = branch * (real(1.0) - wp.where(a == real(0.0), real(0.0), branch / a))
         volume_energy[i] = volume_energy[i] + real(0.5) * element_volume[i] * held * z * z
 
@@ -649,8 +649,8 @@ def retarded_release(s: Laws, slots: int, is_after: bool, simd: bool = True):
         retarded_stiffness: wp.array(dtype=real),
         # written
         volume_stiffness: wp.array(dtype=real),
-        retarded_dilation: wp.array(dtype=real),
-        last_element_dilation: wp.array(dtype=real),
+        retarded_dilation: wp.array(dtype=wp.float64),
+        last_element_dilation: wp.array(dtype=wp.float64),
         plastic_dilation: wp.array(dtype=real),
         last_dilation: wp.array(dtype=real),
         elements: int,
@@ -665,13 +665,13 @@ def retarded_release(s: Laws, slots: int, is_after: bool, simd: bool = True):
                     b = nn(incidence[at] >> 1)
                     jump -= (real(1.0) - bond_linked[b]) * end_dilation[at]
                 jump = jump / element_volume[i]
-                z = retarded_dilation[i] + jump
+                z = retarded_dilation[i] + wp.float64(jump)
                 a = volume_stiffness[i] + branch
                 volume_stiffness[i] = a
                 retarded_dilation[i] = z
-                last_element_dilation[i] = last_element_dilation[i] + jump
-                plastic_dilation[i] = z * branch / a
-                last_dilation[i] = z * branch / a
+                last_element_dilation[i] = last_element_dilation[i] + wp.float64(jump)
+                plastic_dilation[i] = real(z) * branch / a
+                last_dilation[i] = plastic_dilation[i]
             else:
                 volume_stiffness[i] = volume_stiffness[i] - branch
                 plastic_dilation[i] = real(0.0)
