@@ -142,6 +142,38 @@ def test_rest_is_found_with_slips_as_they_are(way, plane):
     assert (sim.plastic_strain >= strain).all() and (sim.plastic_strain > strain).any()
 
 
+def test_plastic_strain_is_read_and_written(tmp_path):
+    from pxr import Usd, UsdGeom
+
+    for law in (LAW, None):
+        sim = pulled(block(), law)
+        probe = sim.observe(wd.Probe([[4.0, 4.0]], "plastic_strain", every=60))
+        sim.observe(wd.UsdWriter(tmp_path / f"{law is None}.usd", every=60))
+        sim.run(steps=120)
+        stage = Usd.Stage.Open(str(tmp_path / f"{law is None}.usd"))
+        api = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/World/elements"))
+        assert api.HasPrimvar("plastic_strain") == (law is not None)
+        if law is not None:
+            found = api.GetPrimvar("plastic_strain").Get(stage.GetEndTimeCode())
+            assert np.array(found) == pytest.approx(sim.plastic_strain, rel=1e-6)
+            inside = sim.plastic_strain[~block().boundary(2)]
+            assert inside.min() < probe.values[-1][0] < inside.max()
+            assert probe.values[0][0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("act", "says"),
+    [
+        (lambda s, b, p: s.strain(b, lambda t: np.eye(2)), "only the strain of a periodic body"),
+        (lambda s, b, p: s.hold(b, p.top, np.zeros((3, 2))), r"give \(2,\) or \(8, 2\)"),
+    ],
+)
+def test_loads_that_cannot_be_are_refused(act, says):
+    packing, scene = block(), wd.Scene()
+    with pytest.raises(wd.InputError, match=says):
+        act(scene, scene.add(packing, SOLID), packing)
+
+
 def launches(sim):
     return [launch.kernel.key.split("__locals__")[1] for launch in sim._step._start.launches]
 

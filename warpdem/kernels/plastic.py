@@ -117,7 +117,8 @@ def returns(s: Laws, flow: Flow) -> Laws:
     """How far a stress beyond the flow stress returns: implicit in hardening and rate."""
     real, law, flowing = s.real, numbers_type(s), flow_stress(s, flow)
     close = real(1e-15 if s.real is wp.float64 else 1e-7)
-    third, steps = real(2.0 / 3.0), real(1e3)
+    two_thirds = real(2.0 / 3.0)
+    far = real(1e3)  # softening to a thousandth of the flow stress is within bounds
 
     @wp.func
     def growth(
@@ -220,7 +221,7 @@ def returns(s: Laws, flow: Flow) -> Laws:
         md = real(1.0) / (real(1.0) + two_shear * at)
         squares = p2 * p2 * area_modulus * mh * mh * mh
         squares += real(3.0) * d2 * d2 * two_shear * md * md * md
-        return squares / q + slope * third * (q - at * squares / q)
+        return squares / q + slope * two_thirds * (q - at * squares / q)
 
     @wp.func
     def plane_growth(
@@ -245,7 +246,7 @@ def returns(s: Laws, flow: Flow) -> Laws:
             return real(0.0)
         trial = excess + start
         low = real(0.0)
-        high = steps * trial / (start * wp.min(two_shear, area_modulus))
+        high = far * trial / (start * wp.min(two_shear, area_modulus))
         at = real(0.0)
         q = trial
         for _n in range(200):
@@ -254,13 +255,13 @@ def returns(s: Laws, flow: Flow) -> Laws:
             if not (better > low and better < high):
                 better = real(0.5) * (low + high)
             q = kept(p2, d2, two_shear, area_modulus, better)
-            stress, slope = flowing(x, p, third * better * q, dt, strains, stresses)
+            stress, slope = flowing(x, p, two_thirds * better * q, dt, strains, stresses)
             excess = q - stress
             at = better
             if wp.abs(excess) > real(0.5) * wp.abs(last):  # Newton's method gains too little
                 at = real(0.5) * (low + high)
                 q = kept(p2, d2, two_shear, area_modulus, at)
-                stress, slope = flowing(x, p, third * at * q, dt, strains, stresses)
+                stress, slope = flowing(x, p, two_thirds * at * q, dt, strains, stresses)
                 excess = q - stress
             if excess > real(0.0):
                 low = at
@@ -290,7 +291,7 @@ def radial_return(
     return_mean, in plane stress, the mean (sigma_xx + sigma_yy)/2 beside which the deviator is.
     """
     real, law, back = s.real, numbers_type(s), returns(s, flow)
-    third = real(2.0 / 3.0)
+    two_thirds = real(2.0 / 3.0)
     average, measure = average_stress(s, k, faces, slots), pair_tensor(s)
 
     def radial_return(
@@ -333,7 +334,7 @@ def radial_return(
             )
             mh = real(1.0) / (real(1.0) + a1 * x)
             grown = x * p2 * mh / real(3.0)
-            plastic_strain[i] = p + third * x * back.kept(p2, d2, two_shear, a1, x)
+            plastic_strain[i] = p + two_thirds * x * back.kept(p2, d2, two_shear, a1, x)
             plastic_dilation[i] = plastic_dilation[i] + real(2.0) * grown
             return_loss[i] = two_shear * x / (real(1.0) + two_shear * x)
             return_mean[i] = p2

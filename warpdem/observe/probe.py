@@ -12,7 +12,10 @@ from ..errors import Array, InputError, finite, first_ids, one_of
 if TYPE_CHECKING:
     from ..simulation import Simulation
 
-QUANTITIES = ("displacement", "velocity", "stress", "strain", "von_mises", "pressure", "rotation")
+QUANTITIES = (
+    *("displacement", "velocity", "stress", "strain", "von_mises", "pressure", "rotation"),
+    "plastic_strain",
+)
 
 
 class Probe:
@@ -20,8 +23,8 @@ class Probe:
 
     points [m]: (p, dim), or two ends and `count` for a line between them; quantity: one of
     displacement [m], velocity [m/s], stress [Pa], strain, von_mises [Pa], pressure [Pa], rotation
-    [rad]. Between elements values are interpolated linearly over the nearest ones (least squares,
-    weighted by distance). After a run: time [s] (t,), values (t, p, ...).
+    [rad], plastic_strain. Between elements values are interpolated linearly over the nearest ones
+    (least squares, weighted by distance). After a run: time [s] (t,), values (t, p, ...).
 
     Raises InputError for points outside the bodies.
     """

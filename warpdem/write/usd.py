@@ -17,7 +17,7 @@ from .whole import folder, whole
 if TYPE_CHECKING:
     from ..simulation import Simulation
 
-FIELDS = ("velocity", "mean_stress", "von_mises", "damage")
+FIELDS = ("velocity", "mean_stress", "von_mises", "damage", "plastic_strain")
 FRAMES_PER_SECOND = 24.0
 
 
@@ -25,10 +25,11 @@ class UsdWriter:
     """Writes a frame every `every` steps; the file appears when the run is over.
 
     Elements are one `UsdGeom.Points`, /World/elements, with widths, ids (the packing's) and the
-    fields velocity [m/s], mean_stress [Pa], von_mises [Pa] and damage as primvars; broken bonds are
-    linear curves, /World/broken_bonds, and so are the linked bonds of bodies without faces,
-    /World/bonds. Lengths are in metres, z is up, a plane scene lies at z = 0. One time code
-    is one frame; the simulated time [s] of each is the attribute `warpdem:time` of /World.
+    fields velocity [m/s], mean_stress [Pa], von_mises [Pa], damage and, where bodies may flow,
+    plastic_strain as primvars; broken bonds are linear curves, /World/broken_bonds, and so are the
+    linked bonds of bodies without faces, /World/bonds. Lengths are in metres, z is up, a plane
+    scene lies at z = 0. One time code is one frame; the simulated time [s] of each is the attribute
+    `warpdem:time` of /World.
 
     color: the field shown as displayColor, scaled by its values in the first frame that has any.
     """
@@ -88,6 +89,7 @@ class UsdWriter:
                 name, kinds.get(name, Sdf.ValueTypeNames.FloatArray), UsdGeom.Tokens.vertex
             )
             for name in FIELDS
+            if name != "plastic_strain" or sim.model.yielding
         }
         self._points = points
         self._colors = points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
@@ -117,12 +119,14 @@ class UsdWriter:
             "mean_stress": -pressure(stress),
             "von_mises": von_mises(stress),
             "damage": sim.damage,
+            "plastic_strain": sim.plastic_strain,
         }
         self._points.GetPointsAttr().Set(_vectors(place), time)
         self._points.GetExtentAttr().Set(_extent(place, self._width), time)
-        for name, value in fields.items():
+        for name, primvar in self._primvars.items():
+            value = fields[name]
             array = _vectors(value) if value.ndim == 2 else Vt.FloatArray.FromNumpy(_single(value))
-            self._primvars[name].Set(array, time)
+            primvar.Set(array, time)
         shown = fields[self.color]
         shown = np.linalg.norm(shown, axis=1) if shown.ndim == 2 else np.abs(shown)
         if self._range == 0.0:
