@@ -58,7 +58,7 @@ OPTIONAL = frozenset(
         *("principal_moment", "principal_axes"),
         *("bond_slip", "evm_slip", "evm_tilt", "mean_stiffness", "mean_stress", "return_growth"),
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
-        *("hardening_strain", "hardening_stress", "trial_force", "plastic_growth_out"),
+        *("hardening_strain", "hardening_stress", "trial_force", "plastic_growth_zz"),
     }
 )
 # sums over many steps, in float64 always
