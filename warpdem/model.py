@@ -318,7 +318,7 @@ def state_arrays(
                 state[name] = np.zeros((n, f.dim, f.dim))
             state["plastic_growth"] = np.zeros(n)
             if f.plane is not None:
-                state["plastic_growth_out"] = np.zeros(n)
+                state["plastic_growth_zz"] = np.zeros(n)
         else:
             state["return_loss"] = np.zeros(n)
         state["spring_force"] = np.zeros((b, f.dim))

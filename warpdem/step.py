@@ -80,7 +80,7 @@ OPTIONAL = frozenset(
         *("hardening_strain", "hardening_stress", "plastic_strain"),
         *("bond_keep", "break_damage", "softening_end"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
-        *("trial_force", "plastic_growth_out"),
+        *("trial_force", "plastic_growth_zz"),
     }
 )
 # sums over many steps, and what flows by little in one, in float64 always

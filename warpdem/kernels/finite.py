@@ -400,17 +400,21 @@ def true_stress(s: Laws, k: Laws, faces: Faces, slots: int, plane: str | None, s
 
 
 @cache
-def returned(s: Laws, plane: str | None):
-    """tau after flow at the rate D = x (tau - m), in the axes of b = F F^T (theory B6).
+def finite_returns(s: Laws, plane: str | None, flow: Flow) -> Laws:
+    """How far tau returns at finite strain, in the axes of b = F F^T (von Mises, theory B6).
 
-    Slips D F c take 2 G sym(D b) off tau, for the springs are as stiff as their lattice is
-    stretched; so each component falls by a factor of its own. With b = 1 it is the radial return.
+    The plastic rate of deformation is D = x (tau - m). Slips D F c take 2 G sym(D b) off tau, for
+    the springs are as stiff as their lattice is stretched; so each component falls by a factor of
+    its own. With b = 1 it is the radial return.
     """
-    real, mat3, half = s.real, s.mat3, s.real(0.5)
+    real, mat3, law, half = s.real, s.mat3, numbers_type(s), s.real(0.5)
+    flowing, measure = flow_stress(s, flow), pair_tensor(s)
+    close = real(1e-10 if s.real is wp.float64 else 1e-5)
+    third = real(2.0 / 3.0)
 
     @wp.func
     def returned(t: mat3, b: s.vec3, mean: real, y: real, volume: real):
-        """tau, and m, at y = 2 G x; volume: A/2G, of plane stress."""
+        """tau and m after flow, y = 2 G x; volume: A/2G."""
         r = mat3()
         m = mean
         for p in range(3):
@@ -431,21 +435,83 @@ def returned(s: Laws, plane: str | None):
                 r[p, p] = m + (t[p, p] - m) / (real(1.0) + y * b[p])
         return r, m
 
-    return returned
+    @wp.func
+    def growth(
+        x: law,
+        t: mat3,
+        b: s.vec3,
+        mean: real,
+        volume: real,
+        ratio: real,
+        two_shear: real,
+        p: real,
+        dt: real,
+        strains: wp.array(dtype=real),
+        stresses: wp.array(dtype=real),
+    ):
+        """y at which q is the flow stress times the ratio of volumes, and tau and m there.
+
+        By false position between no flow and too much (the Illinois form).
+        """
+        trial = measure.von_mises(t)
+        slow, _slope = flowing(x, p, real(0.0), dt, strains, stresses)
+        low = real(0.0)
+        high = real(0.0)
+        over = trial - ratio * slow
+        under = real(0.0)
+        side = real(0.0)
+        y = third * half * (trial / (ratio * slow) - real(1.0))
+        r = t
+        m = mean
+        for _n in range(200):
+            r, m = returned(t, b, mean, y, volume)
+            q = measure.von_mises(r)
+            stress, _s = flowing(x, p, third * y * q / two_shear, dt, strains, stresses)
+            off = q - ratio * stress
+            if wp.abs(off) <= close * trial:
+                break
+            if off > real(0.0):
+                if side == real(1.0):
+                    under = half * under
+                low = y
+                over = off
+                side = real(1.0)
+            else:
+                if side == real(-1.0):
+                    over = half * over
+                high = y
+                under = off
+                side = real(-1.0)
+            between = (low * under - high * over) / (under - over)
+            y = wp.where(high == real(0.0), real(2.0) * y, between)
+        return y, r, m
+
+    @wp.func
+    def bounded(y: real, way: mat3, pulled: mat3, b: s.vec3) -> real:
+        """y, no more than takes energy from the springs: way : (tau_s - G x way b) >= 0.
+
+        way: tau - m; pulled: the springs' part of tau, all in the axes of b.
+        """
+        cost = real(0.0)
+        for p in range(3):
+            for q in range(3):
+                cost += half * way[p, q] * way[p, q] * b[p]
+        return wp.max(wp.min(y, wp.ddot(way, pulled) / cost), real(0.0))
+
+    return Laws(growth=growth, bounded=bounded)
 
 
 @cache
 def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = True):
     """Pass over elements of one yield law: the plastic flow of this step (von Mises).
 
-    plastic_gradient is D F, with which slips of arms c are made; return_factor the share of what
+    plastic_gradient is D F, with which slips of arms c are made; plastic_growth that of the plastic
+    strain, plastic_growth_zz that of its part out of the plane; return_factor the share of what
     bonds carry beside the elements' stress that they keep.
     """
     real, law, g, axes = s.real, numbers_type(s), gradients(s), principal(s)
-    flowing, measure, ratio = flow_stress(s, flow), pair_tensor(s), jacobian(s, plane)
-    back = returned(s, plane)
-    close = real(1e-10 if s.real is wp.float64 else 1e-5)
-    third, half = real(2.0 / 3.0), real(0.5)
+    measure, ratio, back = pair_tensor(s), jacobian(s, plane), finite_returns(s, plane, flow)
+    flowing, third = flow_stress(s, flow), real(2.0 / 3.0)
 
     def finite_return(
         # model
@@ -464,107 +530,79 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
         mean_stiffness: wp.array(dtype=real),
         plastic_strain: wp.array(dtype=real),
         plastic_strain_zz: wp.array(dtype=real),
-        plastic_dilation: wp.array(dtype=real),
         # written
+        plastic_dilation: wp.array(dtype=real),
         return_factor: wp.array(dtype=real),
         plastic_gradient: wp.array(dtype=real),
         plastic_growth: wp.array(dtype=real),
-        plastic_growth_out: wp.array(dtype=real),
+        plastic_growth_zz: wp.array(dtype=real),
         numbers: law,
         dt: real,
         first: int,
     ):
         i = flow_elements[wp.tid() + first]
         two_shear = element_two_shear[i]
-        strain = plastic_strain[i]
         h = g.load(displacement_gradient, i)
         f = g.deformation(h)
         springs = g.load(spring_stress, i) * wp.transpose(f)
         tau = g.load(kirchhoff_stress, i)
-        m0 = s.load(inverse_mass, i)
-        if wp.min(m0) == real(0.0):
+        if wp.min(s.load(inverse_mass, i)) == real(0.0):
+            # a grip pulls at it beside its faces, by nobody knows what traction
             tau = real(0.5) * (springs + wp.transpose(springs))
             tau += volume_stress[i] * wp.identity(n=wp.static(s.dim), dtype=real)
         t = g.embed(tau)
-        zz = real(0.0)
-        plastic = real(0.0)
+        pulled = g.embed(springs)
+        stretch = g.embed(f * wp.transpose(f))
+        dilated = real(0.0)
         if wp.static(plane == "strain"):
-            zz = two_shear * plastic_strain_zz[i]
-            t[2, 2] = volume_stress[i] - zz
+            pulled[2, 2] = -two_shear * plastic_strain_zz[i]
+            t[2, 2] = volume_stress[i] + pulled[2, 2]
+            stretch[2, 2] = real(1.0)
         if wp.static(plane == "stress"):
-            plastic = plastic_dilation[i]
-        j = ratio(h, volume_stress[i], two_shear, plastic)
-        q = measure.von_mises(t)
-        slow, _slope = flowing(numbers, strain, real(0.0), dt, hardening_strain, hardening_stress)
-        return_factor[i] = real(1.0)
-        g.store(plastic_gradient, i, g.mat())
-        plastic_growth[i] = real(0.0)
-        if wp.static(plane is not None):
-            plastic_growth_out[i] = real(0.0)
-        if q > j * slow:
-            stretch = g.embed(f * wp.transpose(f))
-            if wp.static(plane == "strain"):
-                stretch[2, 2] = real(1.0)
+            dilated = plastic_dilation[i]
+        j = ratio(h, volume_stress[i], two_shear, dilated)
+        p = plastic_strain[i]
+        slow, _slope = flowing(numbers, p, real(0.0), dt, hardening_strain, hardening_stress)
+        kept = real(1.0)
+        grown = real(0.0)
+        grown_zz = real(0.0)
+        rate = g.mat()
+        if measure.von_mises(t) > j * slow:
             turn = axes(stretch)
             stretch = wp.transpose(turn) * stretch * turn
             b = s.vec3(stretch[0, 0], stretch[1, 1], stretch[2, 2])
-            t = wp.transpose(turn) * t * turn
             # springs that pull alike in all directions, beyond what the change of volume asks for,
             # relax: m is the mean stress less that excess
-            excess = wp.trace(springs) - zz - two_shear * mean_stress[i] / mean_stiffness[i]
+            excess = wp.trace(pulled) - two_shear * mean_stress[i] / mean_stiffness[i]
             mean = measure.mean_stress(t) - excess / real(3.0)
-            volume = volume_stiffness[i] / two_shear
-            # q = flow stress by false position between no flow and too much (the Illinois form)
-            low = real(0.0)
-            high = real(0.0)
-            over = q - j * slow
-            under = real(0.0)
-            side = real(0.0)
-            y = (q / (j * slow) - real(1.0)) / measure.mean_stress(stretch)
-            r = t
-            m = mean
-            for _n in range(200):
-                r, m = back(t, b, mean, y, volume)
-                left = measure.von_mises(r)
-                grown = third * y * left / two_shear
-                stress, _s = flowing(numbers, strain, grown, dt, hardening_strain, hardening_stress)
-                off = left - j * stress
-                if wp.abs(off) <= close * q:
-                    break
-                if off > real(0.0):
-                    if side == real(1.0):
-                        under = half * under
-                    low = y
-                    over = off
-                    side = real(1.0)
-                else:
-                    if side == real(-1.0):
-                        over = half * over
-                    high = y
-                    under = off
-                    side = real(-1.0)
-                if high == real(0.0):
-                    y = real(2.0) * y
-                else:
-                    y = (low * under - high * over) / (under - over)
-            rate = r - m * wp.identity(n=3, dtype=real)
-            # slips must take energy from the springs, x rate : (springs - G x rate b)
-            cost = real(0.0)
-            for row in range(3):
-                for column in range(3):
-                    cost += half * rate[row, column] * rate[row, column] * b[column]
-            rate = turn * rate * wp.transpose(turn)
-            gain = wp.ddot(rate, g.embed(springs)) - rate[2, 2] * zz
-            y = wp.max(wp.min(y, gain / cost), real(0.0))
+            y, r, m = back.growth(
+                numbers,
+                wp.transpose(turn) * t * turn,
+                b,
+                mean,
+                volume_stiffness[i] / two_shear,
+                j,
+                two_shear,
+                p,
+                dt,
+                hardening_strain,
+                hardening_stress,
+            )
+            way = r - m * wp.identity(n=3, dtype=real)
+            y = back.bounded(y, way, wp.transpose(turn) * pulled * turn, b)
             x = y / two_shear
-            plastic_growth[i] = third * x * measure.von_mises(r)
-            if wp.static(plane == "strain"):
-                plastic_growth_out[i] = x * rate[2, 2]
-            if wp.static(plane == "stress"):
-                plastic_growth_out[i] = -x * m
-                plastic_dilation[i] = plastic - y / (real(1.0) + y) * excess / two_shear
-            return_factor[i] = real(1.0) / (real(1.0) + y)
-            g.store(plastic_gradient, i, x * (g.project(rate) * f))
+            kept = real(1.0) / (real(1.0) + y)
+            grown = third * x * measure.von_mises(r)
+            d = x * (turn * way * wp.transpose(turn))
+            rate = g.project(d) * f
+            grown_zz = d[2, 2]
+            if wp.static(plane == "stress"):  # there the springs' excess is made good by P
+                plastic_dilation[i] = dilated - y * kept * excess / two_shear
+        return_factor[i] = kept
+        g.store(plastic_gradient, i, rate)
+        plastic_growth[i] = grown
+        if wp.static(plane is not None):
+            plastic_growth_zz[i] = grown_zz
 
     return kernel(finite_return, simd)
 
@@ -592,7 +630,7 @@ def share_growth(s: Laws, k: Laws, faces: Faces, slots: int, plane: str | None, 
         # state read
         bond_weight: wp.array(dtype=real),
         plastic_growth: wp.array(dtype=real),
-        plastic_growth_out: wp.array(dtype=real),
+        plastic_growth_zz: wp.array(dtype=real),
         # written
         plastic_strain: wp.array(dtype=real),
         plastic_strain_zz: wp.array(dtype=real),
@@ -617,7 +655,7 @@ def share_growth(s: Laws, k: Laws, faces: Faces, slots: int, plane: str | None, 
                 other = -wp.dot(way, narrowed(geometry.load_arm(bond_arm, nn(entry ^ 1))))
                 grown += own * plastic_growth[i] + other * plastic_growth[j]
                 if wp.static(plane is not None):
-                    out += own * plastic_growth_out[i] + other * plastic_growth_out[j]
+                    out += own * plastic_growth_zz[i] + other * plastic_growth_zz[j]
         plastic_strain[i] = plastic_strain[i] + grown
         if wp.static(plane == "strain"):
             plastic_strain_zz[i] = plastic_strain_zz[i] + out

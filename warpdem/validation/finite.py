@@ -532,4 +532,10 @@ def taylor_impact() -> Iterator[Measurement]:
         yield Measurement(
             name, middle, "published codes, Taylor bar of copper", found, error, limit
         )
+    least = np.linalg.svd(sim.deformation_gradient, compute_uv=False)[:, -1].min()
+    found = float(-np.log(least))
+    error = abs(found / 3.0 - 1.0)
+    yield Measurement(
+        "greatest shortening -ln F", 3.0, "plastic strain in published codes", found, error, 0.2
+    )
     yield vanishing("ledger", "B13", abs(sim.energy_error), 1e-3)

@@ -486,6 +486,7 @@ def finite_flow(
             tau[2, 2] = a * elastic[e] - g2 * out[e]
             z -= g2 * out[e]
         if plane == "stress":
+            b[2, 2] = 0.0
             volume *= np.exp(-a * elastic[e] / g2 - dilation[e])
         if von_mises(tau) <= volume * flow_stress(plastic[e]):
             continue
