@@ -37,7 +37,7 @@ ALLOWED = {
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
     },
-    "calibration": {"errors", "criteria", "experiments"},
+    "calibration": {"errors", "criteria", "experiments", "toughness"},
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
         *("calibration", "moduli", "observe", "statics", "experiments", "plasticity", "toughness"),

@@ -226,3 +226,20 @@ def test_refusals():
     other = wd.Scene()
     other.add(p, SOFT, fracture=wd.LinearSoftening(rankine, 1e-3))
     wrong(lambda: wd.Simulation(other), "too long to soften")
+
+
+def test_strength_and_toughness_together_fix_the_spacing():
+    from warpdem.calibration import StrengthCalibration, _with_toughness
+    from warpdem.experiments.specimen import Specimen
+
+    specimen = Specimen(packing="hexagonal")
+    law = wd.DruckerPrager(60e6, 6.0)
+    found = _with_toughness(StrengthCalibration(law, {}, {}, {}, ()), specimen, 1.2e6)
+    rock = wd.Material(specimen.young, specimen.poisson, specimen.density)
+    for spacing, toughness in (
+        (specimen.spacing, found.stress_intensity),
+        (found.spacing, 1.2e6),
+    ):
+        packing = wd.packing.hexagonal((10 * spacing, 10 * spacing), spacing, specimen.state)
+        same = wd.Toughness(law, stress_intensity=toughness).at(packing, rock)
+        assert same.tension == pytest.approx(law.tension, rel=1e-12)

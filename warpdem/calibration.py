@@ -7,13 +7,14 @@ concentrate stress, so that wanted strengths have to be found by trial.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import exp, isfinite, log
+from dataclasses import dataclass, replace
+from math import exp, isfinite, log, sqrt
 from typing import Any
 
-from .criteria import Criterion, DruckerPrager
+from .criteria import Criterion, DruckerPrager, Tensile, with_tension
 from .errors import InputError, NotConvergedError, positive
 from .experiments.specimen import Compression, Specimen, Tension, compression, tension
+from .toughness import tip_ratio
 
 Form = Callable[..., Criterion]
 Tell = Callable[[str], None]
@@ -27,6 +28,9 @@ class StrengthCalibration:
 
     targets, strengths, measured [Pa], by name: what was wanted, the numbers that the criterion was
     made of, and what the last tests gave; rounds: numbers and measurements of all tests made.
+    stress_intensity [Pa m^0.5]: the K_Ic that the criterion has at the specimen's spacing; spacing
+    [m]: that at which it has the wanted one, or the specimen's own if none was. Both None for
+    criteria and packings without a table of tip stresses.
     """
 
     criterion: Criterion
@@ -34,6 +38,8 @@ class StrengthCalibration:
     strengths: dict[str, float]
     measured: dict[str, float]
     rounds: tuple[tuple[dict[str, float], dict[str, float]], ...]
+    stress_intensity: float | None = None
+    spacing: float | None = None
 
     @property
     def error(self) -> float:
@@ -51,6 +57,7 @@ def calibrate_strength(
     compression: float,
     specimen: Specimen | None = None,
     *,
+    stress_intensity: float | None = None,
     form: Form = drucker_prager,
     tolerance: float = 0.03,
     rounds: int = 6,
@@ -62,8 +69,11 @@ def calibrate_strength(
 
     tension, compression [Pa]: wanted in direct tension and in uniaxial compression (UCS); specimen:
     material, packing, scatter and loading of the tests, its criterion is not used; form: makes a
-    criterion of strengths named as the targets; tolerance: relative, on each target; rounds: of all
-    tests, at most; tell: called with a line after each.
+    criterion of strengths named as the targets; stress_intensity: K_Ic [Pa m^0.5] that cracks are
+    to have as well. Strength and toughness together fix the size of elements, (c K_Ic/strength)^2
+    with c of the table of tip stresses (theory B10), so it does not change the criterion, but the
+    spacing that the result names: run with that one. tolerance: relative, on each target; rounds:
+    of all tests, at most; tell: called with a line after each.
 
     Each target has a test that measures it and a strength of the criterion that it hangs on most;
     the strengths are found by the secant method on their logarithms. What random breaks scatter, 1
@@ -74,6 +84,8 @@ def calibrate_strength(
     for name, value in targets.items():
         positive(name, value, ())
     positive("tolerance", tolerance, ())
+    if stress_intensity is not None:
+        positive("stress_intensity", stress_intensity, ())
     if rounds < 1:
         raise InputError(f"rounds is {rounds}; give 1 or more.")
     if compression <= tension:
@@ -101,13 +113,31 @@ def calibrate_strength(
         )
         found = StrengthCalibration(common["criterion"], targets, strengths, measured, tuple(made))
         if found.error <= tolerance:
-            return found
+            return _with_toughness(found, given, stress_intensity)
         strengths = {name: _secant(name, targets[name], made) for name in targets}
         strengths["compression"] = max(strengths["compression"], strengths["tension"])
     raise NotConvergedError(
         f"after {rounds} rounds a strength is {found.error:.1%} off, more than {tolerance:.1%}; "
         "allow more rounds or a greater tolerance, or take a larger specimen, which scatters less."
     )
+
+
+def _with_toughness(
+    found: StrengthCalibration, specimen: Specimen, wanted: float | None
+) -> StrengthCalibration:
+    """The result with the toughness of its criterion and the spacing at which it is the wanted."""
+    criterion, packing = found.criterion, specimen.build_packing()
+    if not isinstance(criterion, Tensile) or not packing.arrangement:
+        if wanted is not None:
+            raise InputError(
+                "the toughness of this criterion or packing is not tabulated; leave "
+                "stress_intensity out."
+            )
+        return found
+    seen = tip_ratio(with_tension(criterion, 1.0), packing, specimen.poisson)
+    own = criterion.tension * sqrt(packing.spacing) / seen
+    spacing = packing.spacing if wanted is None else packing.spacing * (wanted / own) ** 2
+    return replace(found, stress_intensity=own, spacing=spacing)
 
 
 def _tensile_strength(common: dict[str, Any], how: dict[str, Any]) -> float:
