@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from . import experiments, packing
 from .bond import EVMBond
+from .contact import Contact, Wall
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -17,7 +18,14 @@ from .criteria import (
     PlasticStrainLimit,
     Rankine,
 )
-from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
+from .errors import (
+    InputError,
+    ModelWarning,
+    NonFiniteError,
+    NotConvergedError,
+    TooFastError,
+    TroubledBondError,
+)
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
 from .observe import CrackTracker, PlaneProbe, Probe, Snapshot
@@ -41,6 +49,7 @@ __all__ = [
     "Body",
     "Calibration",
     "Circle",
+    "Contact",
     "CrackTracker",
     "CustomCriterion",
     "DamageRate",
@@ -77,12 +86,14 @@ __all__ = [
     "Snapshot",
     "StandardLinearSolid",
     "Table",
+    "TooFastError",
     "Toughness",
     "TroubledBondError",
     "Tube",
     "UsdWriter",
     "Voce",
     "VonMises",
+    "Wall",
     "calibrate",
     "draw_field",
     "draw_structure",
