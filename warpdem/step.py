@@ -100,8 +100,10 @@ class Passes:
     A launch costs several microseconds, a node of a graph a fraction of one.
     """
 
-    def __init__(self, launches: list[wp.Launch], device: str) -> None:
-        self.launches, self.device = launches, device
+    def __init__(self, launches: list[wp.Launch | None], device: str) -> None:
+        # a launch over nothing, as of the bonds of a single element, is None
+        self.launches = [x for x in launches if x is not None]
+        self.device = device
         self.graph: wp.Graph | None = None
 
     def launch(self) -> None:
@@ -909,7 +911,7 @@ class Step:
         return self._nothings[dtype]
 
     def _passes(self, launches: list[wp.Launch]) -> Passes:
-        return Passes(launches, self.device)
+        return Passes(list(launches), self.device)
 
     def _bind(self, kernel, dim: int, **given: Any) -> wp.Launch:
         """A recorded launch whose arguments are found by name.

@@ -41,29 +41,37 @@ def contact(s: Laws) -> Laws:
         size = wp.length(spring)
         return wp.where(size > limit, (limit / wp.max(size, real(1.0e-30))) * spring, spring)
 
+    @wp.func
+    def half_turn(w: spin, dt: real) -> spin:
+        """tan(|w| dt/2) along w: by it, c' - c is h x (c' + c) for a vector c that turns."""
+        x = wp.min(real(0.5) * dt * wp.sqrt(s.spin_squared(w)), real(1.0))
+        stretch = wp.where(x > real(1.0e-4), wp.tan(x) / wp.max(x, real(1.0e-4)), real(1.0))
+        return (real(0.5) * dt * stretch) * w
+
     if s.dim == 2:
 
         @wp.func
-        def twisted(spring: vec, n: vec, angle: spin) -> vec:
+        def twisted(spring: vec, n: vec, half: spin) -> vec:
             """In the plane nothing turns about n."""
             return spring
     else:
 
         @wp.func
-        def twisted(spring: vec, n: vec, angle: spin) -> vec:
-            """Turned about n by the part of `angle` along it."""
-            a = wp.dot(n, angle)
-            return wp.cos(a) * spring + wp.sin(a) * wp.cross(n, spring)
+        def twisted(spring: vec, n: vec, half: spin) -> vec:
+            """Turned about n by the part of a turn that is along it."""
+            t = wp.dot(n, half)
+            return ((real(1.0) - t * t) * spring + real(2.0) * t * wp.cross(n, spring)) / (
+                real(1.0) + t * t
+            )
 
     @wp.func
-    def carried(spring: vec, before: vec, n: vec, angle: spin) -> vec:
+    def carried(spring: vec, before: vec, n: vec, half: spin) -> vec:
         """A tangential vector as the pair turns: by the least rotation of the normal, then about
-        it by the mean turn of both (theory B5)."""
+        it by the mean turn of both (theory B5). Exact in a rigid rotation."""
         turned = spring - (wp.dot(spring, n) / (real(1.0) + wp.dot(before, n))) * (before + n)
-        turned = turned - wp.dot(turned, n) * n
-        return twisted(turned, n, angle)
+        return twisted(turned - wp.dot(turned, n) * n, n, half)
 
-    return Laws(area=area, slid=slid, carried=carried)
+    return Laws(area=area, slid=slid, half_turn=half_turn, carried=carried)
 
 
 @cache
@@ -130,8 +138,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
         n: s.vec,
         arm_a: real,
         arm_b: real,
-        va: s.vec,
-        vb: s.vec,
+        motion: s.vec,
         wa: s.spin,
         wb: s.spin,
         stiffness: real,
@@ -140,12 +147,14 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
     ):
         """Tangential spring after a step, and what its slip took [J].
 
-        Its motion is that of the two points that touch, across the mean normal.
+        motion: of b's centre against a's; that of the two points that touch is less by the turns
+        of their arms.
         """
-        turned = law.carried(spring, before, n, real(0.5) * dt * (wa + wb))
-        middle = wp.normalize(before + n)
-        motion = vb - arm_b * s.rotate(wb, middle) - va - arm_a * s.rotate(wa, middle)
-        trial = turned + dt * (motion - wp.dot(motion, n) * n)
+        ha = law.half_turn(wa, dt)
+        hb = law.half_turn(wb, dt)
+        turned = law.carried(spring, before, n, real(0.5) * (ha + hb))
+        motion -= s.rotate(arm_a * ha + arm_b * hb, before + n)
+        trial = turned + motion - wp.dot(motion, n) * n
         after = law.slid(trial, limit / stiffness)
         taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
         return after, taken
@@ -237,7 +246,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                     wa = s.load_spin(angular_velocity, a)
                     wb = s.load_spin(angular_velocity, b)
                     spring, taken = rub(
-                        s.load(contact_spring, e), nb, n, arm_a, arm_b, va, vb, wa, wb,
+                        s.load(contact_spring, e), nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
                         shear, -friction * pull, real(dt),
                     )  # fmt: skip
                     s.store(contact_spring, e, spring)
@@ -285,7 +294,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                         old = s.load(wall_spring, e)
                         # from the wall, a, to the element, b
                         spring, taken = rub(
-                            old, n, n, real(0.0), radius + gap, vw, vi, s.no_spin(), wi,
+                            old, n, n, real(0.0), radius + gap, motion, s.no_spin(), wi,
                             shear, -wall_friction[w] * pull, real(dt),
                         )  # fmt: skip
                         s.store(wall_spring, e, spring)
@@ -377,6 +386,19 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
     real, place, geometry, spring_law = s.real, k.real, pair(s, k), closing(s)
     narrowed = geometry.narrowed
 
+    if has_restitution:
+
+        @wp.func
+        def has_opened(flags: wp.array(dtype=int), e: int) -> bool:
+            """Whether the pair of entry e has opened just now."""
+            return flags[e] != 0
+    else:
+
+        @wp.func
+        def has_opened(flags: wp.array(dtype=int), e: int) -> bool:
+            """Nobody asks."""
+            return False
+
     @wp.func
     def bounced(speed: real, yield_both: real, debt: real, restitution: real) -> real:
         """What restitution takes of the motion along n [J], once the debt is paid."""
@@ -418,9 +440,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
         for e in range(contact_start[t], contact_start[t + 1]):
             last = contact_impulse[e]
             debt = contact_debt[e]
-            opened = False
-            if wp.static(has_restitution):
-                opened = contact_opened[e] != 0
+            opened = has_opened(contact_opened, e)
             if last != real(0.0) or debt != real(0.0) or opened:
                 j = contact_neighbour[e]
                 a = wp.min(i, j)
@@ -452,9 +472,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
                 e = w * rows + t
                 last = wall_impulse[e]
                 debt = wall_debt[e]
-                opened = False
-                if wp.static(has_restitution):
-                    opened = wall_opened[e] != 0
+                opened = has_opened(wall_opened, e)
                 n = s.load(wall_normal, w)
                 vw = s.load(wall_velocity, w)
                 speed = wp.dot(n, s.load(velocity, i) - vw)
