@@ -63,12 +63,16 @@ def has_free_surface(packing: Packing) -> Mask:
 
 def bonded_rows(
     pairs: NDArray[np.int64], elements: NDArray[np.int64], n: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Elements that bonds join to each of `elements`: starts of rows (m + 1,), and the rows."""
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """Elements that bonds join to each of `elements`: starts of rows (m + 1,), the rows, and which
+    of the pairs each entry is."""
     both = np.concatenate([pairs, pairs[:, ::-1]])
-    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    order = np.lexsort((both[:, 1], both[:, 0]))
+    both = both[order]
     degree = np.bincount(both[:, 0], minlength=n)
     first = np.concatenate([[0], np.cumsum(degree)])
-    rows = [both[first[i] : first[i + 1], 1] for i in elements]
     start = np.concatenate([[0], np.cumsum(degree[elements])])
-    return start.astype(np.int32), np.concatenate([*rows, np.zeros(0, np.int64)]).astype(np.int32)
+    rows = [np.arange(first[i], first[i + 1]) for i in elements]
+    entries = np.concatenate([*rows, np.zeros(0, np.int64)]).astype(np.int64)
+    which = order[entries] % max(len(pairs), 1)
+    return start.astype(np.int32), both[entries, 1].astype(np.int32), which.astype(np.int32)

@@ -189,6 +189,7 @@ class Model:
     contact_shear: Array | None = None  # (n,) R/(2 G) [m/Pa]
     bonded_start: Ids | None = None  # (m + 1,) rows of elements that bonds join
     bonded: Ids | None = None
+    bonded_listed: Ids | None = None  # of which listed bond, -1: of none
     wall_normal: Array | None = None  # (walls, dim)
     wall_velocity: Array | None = None  # (walls, dim)
     wall_friction: Array | None = None  # (walls,)
@@ -695,10 +696,10 @@ def build(scene: Scene) -> Model:
         _add_yielding(model, bodies)
     if viscous:
         _add_viscous(model, viscous, each)
-    if scene.contacts is not None:
-        _add_contact(model, scene, each)
     if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
+    if scene.contacts is not None:
+        _add_contact(model, scene, each)
     return model
 
 
@@ -1206,7 +1207,11 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         setattr(model, "contact_" + name, radius / stiff)
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_position = model.position - 0.5 * (low + high)
-    model.bonded_start, model.bonded = bonded_rows(model.own_pairs, elements, own)
+    model.bonded_start, model.bonded, which = bonded_rows(model.own_pairs, elements, own)
+    if model.listed_bonds is not None:
+        place = np.full(model.bonds, -1, dtype=np.int32)
+        place[model.listed_bonds] = np.arange(len(model.listed_bonds))
+        model.bonded_listed = place[model.own_bonds[which]]
     if model.walls:
         model.wall_normal = np.array([w.normal for w in model.walls])
         model.wall_velocity = np.array([w.velocity for w in model.walls])

@@ -7,7 +7,13 @@ import warp as wp
 
 from .errors import NonFiniteError, first_ids
 from .kernels.algebra import Laws
-from .kernels.neighbours import carry_over, list_neighbours, place_elements, watch_motion
+from .kernels.neighbours import (
+    carry_over,
+    list_neighbours,
+    part_pairs,
+    place_elements,
+    watch_motion,
+)
 from .model import Model
 
 ROOM = 1.3  # of the list's memory over what it needs when it is made
@@ -16,7 +22,8 @@ CELLS = {2: 512, 3: 64}  # most along an axis; the grid wraps round
 
 
 class Neighbours:
-    """Pairs of elements nearer than their radii and a skin, but those that bonds join (B11).
+    """Pairs of elements nearer than their radii and a skin, but those that bonds join (B11),
+    or joined and have not parted since.
 
     The arrays it makes live among those of the step: `contact_start` (m + 1,), the rows of the
     elements that may touch; over the rows' entries `contact_neighbour`, `contact_reference` (from
@@ -37,6 +44,7 @@ class Neighbours:
         self._greatest = float(radius.max())
         self._has_friction = model.rubs
         self._has_restitution = model.contact.restitution < 1.0
+        self._has_parting = model.listed_bonds is not None
         dim = model.features.dim
         most = int(min(CELLS[dim], max(4, 2 * self.rows ** (1.0 / dim))))
         self._grid = wp.HashGrid(
@@ -77,6 +85,14 @@ class Neighbours:
         if a["any_lost"].numpy()[0]:
             self._refuse(FARTHEST * reach)
         self._grid.build(a["contact_place"], reach)
+        if self._has_parting:
+            names = (
+                *("listed_bonds", "bond_i", "bond_j", "contact_position", "contact_radius"),
+                *("displacement", "bond_linked", "closing_gap", "closing_stiffness"),
+            )
+            inputs = [*(a[name] for name in names), self.skin]
+            law = part_pairs(self._s, k)
+            wp.launch(law, dim=a["listed_bonds"].size, inputs=inputs, device=self._device)
         old = {
             name: wp.clone(a["contact_" + name])
             for name in ("start", "neighbour", "debt", "spring")
@@ -111,10 +127,12 @@ class Neighbours:
         a = self._arrays
         names = ("elements", "place", "position", "radius")
         inputs: list[Any] = [self._grid.id, *(a["contact_" + x] for x in names)]
-        inputs += [a["bonded_start"], a["bonded"], self._greatest, self.skin]
+        inputs += [a["bonded_start"], a["bonded"], a.get("bonded_listed")]
+        inputs += [a.get("closing_stiffness"), self._greatest, self.skin]
         inputs += [a["neighbour_count"]]
         inputs += [a["contact_" + x] for x in ("start", "neighbour", "reference")]
-        self._launch(list_neighbours(self._k, fills), inputs)
+        law = list_neighbours(self._s, self._k, self._has_parting, fills)
+        self._launch(law, inputs)
 
     def _grow(self, capacity: int) -> None:
         self.capacity = capacity

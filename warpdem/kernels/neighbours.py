@@ -10,6 +10,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
+from .closing import UNKNOWN
 from .memory import kernel, nn
 
 
@@ -63,21 +64,72 @@ def place_elements(k: Laws):
     return kernel(place_elements, simd=False)
 
 
-@wp.func
-def are_bonded(t: int, j: int, bonded_start: wp.array(dtype=int), bonded: wp.array(dtype=int)):
-    """Whether a bond joins, or joined, element j to that of row t."""
-    for e in range(bonded_start[t], bonded_start[t + 1]):  # noqa: SIM110  device code
-        if bonded[e] == j:
-            return True
-    return False
+@cache
+def part_pairs(s: Laws, k: Laws):
+    """Pass over listed bonds: unlinked pairs that are out of each other's reach part for good.
+
+    Their faces have lost each other, so they have no closing stiffness any more, and touch as any
+    two elements do. Neither law holds energy then.
+    """
+    real = s.real
+
+    def part_pairs(
+        listed: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        contact_position: wp.array(dtype=wp.float64),
+        contact_radius: wp.array(dtype=k.real),
+        displacement: wp.array(dtype=k.real),
+        bond_linked: wp.array(dtype=real),
+        closing_gap: wp.array(dtype=real),
+        closing_stiffness: wp.array(dtype=real),
+        skin: wp.float64,
+    ):
+        t = wp.tid()
+        b = listed[t]
+        i = bond_i[b]
+        j = bond_j[b]
+        square = wp.float64(0.0)
+        for axis in range(wp.static(k.dim)):
+            at = wp.static(k.dim) * i + axis
+            to = wp.static(k.dim) * j + axis
+            d = contact_position[to] - contact_position[at]
+            d += wp.float64(displacement[to]) - wp.float64(displacement[at])
+            square += d * d
+        reach = wp.float64(contact_radius[i]) + wp.float64(contact_radius[j]) + skin
+        gap = closing_gap[t]
+        is_open = gap > real(0.0) and gap < real(UNKNOWN)
+        if bond_linked[b] == real(0.0) and is_open and square > reach * reach:
+            closing_stiffness[t] = real(0.0)
+
+    return kernel(part_pairs, simd=False)
 
 
 @cache
-def list_neighbours(k: Laws, fills: bool):
+def list_neighbours(s: Laws, k: Laws, has_parting: bool, fills: bool):
     """Pass over elements that may touch: count their neighbours, or write them down.
 
-    What the old list knew of a pair (its debt, its tangential spring) goes over to the new one.
+    has_parting: pairs that bonds joined may have parted, and are listed then.
     """
+    real = s.real
+
+    @wp.func
+    def are_bonded(
+        t: int,
+        j: int,
+        bonded_start: wp.array(dtype=int),
+        bonded: wp.array(dtype=int),
+        bonded_listed: wp.array(dtype=int),
+        closing_stiffness: wp.array(dtype=real),
+    ):
+        """Whether a bond joins, or joined, element j to that of row t."""
+        for e in range(bonded_start[t], bonded_start[t + 1]):
+            if bonded[e] == j:
+                if wp.static(has_parting):
+                    at = bonded_listed[e]
+                    return at < 0 or closing_stiffness[wp.max(at, 0)] != real(0.0)
+                return True
+        return False
 
     def list_neighbours(
         grid: wp.uint64,
@@ -87,6 +139,8 @@ def list_neighbours(k: Laws, fills: bool):
         contact_radius: wp.array(dtype=k.real),
         bonded_start: wp.array(dtype=int),
         bonded: wp.array(dtype=int),
+        bonded_listed: wp.array(dtype=int),
+        closing_stiffness: wp.array(dtype=real),
         greatest: wp.float64,
         skin: wp.float64,
         # written
@@ -106,7 +160,9 @@ def list_neighbours(k: Laws, fills: bool):
             j = contact_elements[row]
             reach = radius + wp.float64(contact_radius[j]) + skin
             is_near = row != t and wp.dot(d, d) <= reach * reach
-            if is_near and not are_bonded(t, j, bonded_start, bonded):
+            if is_near and not are_bonded(
+                t, j, bonded_start, bonded, bonded_listed, closing_stiffness
+            ):
                 if wp.static(fills):
                     at = first + count
                     while at > first and contact_neighbour[wp.max(at - 1, 0)] > j:
@@ -128,7 +184,8 @@ def list_neighbours(k: Laws, fills: bool):
 
 @cache
 def carry_over(s: Laws, has_friction: bool, has_restitution: bool):
-    """Pass over elements that may touch: what the old list knew of their pairs."""
+    """Pass over elements that may touch: what the old list knew of their pairs (debts, tangential
+    springs) goes over to the new one."""
     real = s.real
 
     def carry_over(

@@ -210,7 +210,9 @@ def history_turns_with_its_pair() -> Iterator[Measurement]:
             found = step.arrays["contact_spring"].numpy()[:6].reshape(2, 3)
             worst = max(worst, np.abs(found - turn.apply(spring)).max())
         error = worst / np.linalg.norm(spring)
-        yield vanishing(f"spring on the way, axis {number}", "turned with the pair", error, 1e-5)
+        yield vanishing(
+            f"spring on the way, axis {number}", "turned with the pair", float(error), 1e-5
+        )
         lost = abs(sim.energy()["friction"])
         yield vanishing(f"taken by slip, axis {number}", "no slip", lost, 1e-20)
 
@@ -353,6 +355,42 @@ def fragments_fly_freely() -> Iterator[Measurement]:
     assert near is not None
     yield Measurement("lists built", 2, "they fly apart", near.builds, float(near.builds < 2), 0.0)
     yield vanishing("numbers that differ, run at once or in parts", "same bits", differs, 0.0)
+
+
+@case("contact")
+def parted_pairs_meet_again() -> Iterator[Measurement]:
+    """Elements of a broken bond fly apart and meet again the other way round, one turned over."""
+    for dim in (2, 3):
+        p = (
+            packing.hexagonal((4.0, 3.0), 1.0, "strain")
+            if dim == 2
+            else packing.fcc((3.0,) * 3, 1.0)
+        )
+        scene = Scene()
+        body = scene.add(p, SOFT)
+        body.linked[:] = False
+        scene.contact()
+        sim = Simulation(scene)
+        i, j = p.bonds[0]
+        along = p.bond_vector[0] / p.bond_length[0]
+        apart = 9.0 * (p.position - p.position[0])  # every pair opens, and parts
+        sim.set_state(displacement=apart)
+        # j behind i now, moving towards it
+        apart[j] = p.position[i] + apart[i] - 1.2 * along - p.position[j]
+        v = np.zeros_like(p.position)
+        v[j] = 0.01 * along
+        turned = sim.orientation
+        turned[j] = [1.0, 0.0] if dim == 2 else [0.0, 0.6, 0.8, 0.0]
+        sim.set_state(displacement=apart, velocity=v, orientation=turned)
+        held = sim.energy()
+        yield vanishing(f"energy of contact at first, {dim}D", "apart", held["contact"], 0.0)
+        sim.run(until=60.0)
+        error = np.abs(sim.velocity[i] - v[j]).max() / 0.01
+        yield vanishing(
+            f"speed handed over, {dim}D", "elastic impact of equals", float(error), 1e-10
+        )
+        missing = sim.energy()["residual"] / held["kinetic"]
+        yield vanishing(f"energy missing, {dim}D", "conserved", missing, 1e-10)
 
 
 @case("contact")
