@@ -60,15 +60,16 @@ class Neighbours:
         self.builds = 0
         self._grow(0)
         arrays["any_moved"].fill_(1)  # there is no list yet
+        names = "contact_elements", "displacement", "listed_displacement", "any_moved"
+        inputs: list[Any] = [*(arrays[name] for name in names), 0.5 * self.skin]
+        law = watch_motion(k)
+        self._watch = wp.launch(law, self.rows, inputs, device=device, record_cmd=True)
 
     def refresh(self) -> bool:
         """Build the list anew if something has moved too far for it; whether its arrays are new
         ones, to which launches have to be bound again."""
         if self.builds:
-            a = self._arrays
-            inputs = [a["contact_elements"], a["displacement"], a["listed_displacement"]]
-            inputs += [a["any_moved"], 0.5 * self.skin]
-            self._launch(watch_motion(self._k), inputs)
+            self._watch.launch()
         moved = self._arrays["any_moved"]
         if not moved.numpy()[0]:
             return False
