@@ -84,6 +84,16 @@ def test_plasticity_script(tmp_path, monkeypatch, capsys):
     assert float(capsys.readouterr().out) == pytest.approx(2 / 3**0.5, rel=2e-3)
 
 
+def test_contact_script(tmp_path, monkeypatch, capsys):
+    page = (ROOT / "docs" / "contact.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "contact.md", "exec"), {})
+    count, force, slipped, error = map(float, capsys.readouterr().out.split())
+    assert count > 50 and force > 0.0 and slipped > 0.0
+    assert abs(error) < 1e-4
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name
 )

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from . import experiments, packing
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
+from .contact import Contact, Wall
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -18,7 +19,14 @@ from .criteria import (
     PlasticStrainLimit,
     Rankine,
 )
-from .errors import InputError, ModelWarning, NonFiniteError, NotConvergedError, TroubledBondError
+from .errors import (
+    InputError,
+    ModelWarning,
+    NonFiniteError,
+    NotConvergedError,
+    TooFastError,
+    TroubledBondError,
+)
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
 from .observe import (
@@ -54,6 +62,7 @@ __all__ = [
     "Body",
     "Calibration",
     "Circle",
+    "Contact",
     "CrackTracker",
     "CustomCriterion",
     "DamageRate",
@@ -94,12 +103,14 @@ __all__ = [
     "StrengthCalibration",
     "StressStrain",
     "Table",
+    "TooFastError",
     "Toughness",
     "TroubledBondError",
     "Tube",
     "UsdWriter",
     "Voce",
     "VonMises",
+    "Wall",
     "When",
     "calibrate",
     "calibrate_strength",

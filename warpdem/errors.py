@@ -28,6 +28,10 @@ class NotConvergedError(RuntimeError):
     """A search for rest did not reach its residual; the message says how far it came."""
 
 
+class TooFastError(RuntimeError):
+    """An element would pass through another within a step; the message names it and a time step."""
+
+
 def first_ids(mask: ArrayLike) -> str:
     """The first five ids at which a mask is set, for a message."""
     ids = np.flatnonzero(np.asarray(mask))

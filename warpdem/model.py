@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bond import EVMBond
+from .contact import Contact, Wall, bonded_rows, has_free_surface, touching_radius
 from .criteria import (
     NUMBERS,
     CustomCriterion,
@@ -32,6 +33,7 @@ PLACES = frozenset(
     {
         *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes", "bond_slip"),
         "evm_tilt",
+        *("contact_radius", "wall_distance", "wall_shift"),
         *("box_shift", "box_strain"),
         *("evm_direction", "evm_length", "evm_offset"),
     }
@@ -180,8 +182,31 @@ class Model:
     retarded_elements: Ids | None = None  # elements of Kelvin and Voigt's law
     # Between unlike elements a face is a node, an element without turning, with a bond to each: the
     # bond's own and one stored after all other facet bonds.
+    # elements that touch what no bond joins them to; the last slot of every element is for that
+    contact: Contact | None = None
+    walls: tuple[Wall, ...] = ()
+    contact_elements: Ids | None = None  # (m,) that may touch
+    contact_position: Array | None = None  # (n, dim) from the middle of the scene, in float64
+    contact_radius: Array | None = None  # (n,)
+    contact_width: Array | None = None  # (n,) thickness in the plane
+    contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa]
+    contact_shear: Array | None = None  # (n,) R/(2 G) [m/Pa]
+    bonded_start: Ids | None = None  # (m + 1,) rows of elements that bonds join
+    bonded: Ids | None = None
+    bonded_listed: Ids | None = None  # of which listed bond, -1: of none
+    wall_normal: Array | None = None  # (walls, dim)
+    wall_velocity: Array | None = None  # (walls, dim)
+    wall_friction: Array | None = None  # (walls,)
+    wall_distance: Array | None = None  # (walls, m) from the surface of each element
     nodes: int = 0  # stored after all other elements
     node_bonds: Ids | None = None  # (nodes,) the bonds of such faces
+
+    @property
+    def rubs(self) -> bool:
+        """Whether contacts have friction."""
+        return self.contact is not None and (
+            self.contact.friction > 0.0 or any(wall.friction > 0.0 for wall in self.walls)
+        )
 
     @property
     def softens(self) -> bool:
@@ -286,6 +311,26 @@ def state_arrays(
         state["closing_impulse"] = np.zeros((f.slots * n, f.dim))
         state["closing_twist"] = np.zeros((f.slots * n, spins))
         state["any_crossed"] = np.zeros(1, dtype=np.int32)
+    if model.contact is not None:
+        rows = len(model.contact_elements) if model.contact_elements is not None else 0
+        state["any_touched"] = np.zeros(1, dtype=np.int32)
+        state["settling_impulse"] = np.zeros((n, f.dim))
+        state["settling_twist"] = np.zeros((n, spins))
+        if model.contact.restitution < 1.0:
+            state["restitution_energy"] = np.zeros(rows)
+        if model.rubs:
+            state["slip_energy"] = np.zeros(rows)
+        if model.walls:
+            walls = len(model.walls)
+            state["wall_shift"] = np.zeros(walls)
+            state["wall_debt"] = np.zeros((walls, rows))
+            state["wall_impulse"] = np.zeros((walls, rows))
+            state["wall_reaction"] = np.zeros((walls, rows, f.dim))
+            state["wall_work"] = np.zeros(rows)
+            if model.rubs:
+                state["wall_spring"] = np.zeros((walls, rows, f.dim))
+            if model.contact.restitution < 1.0:
+                state["wall_opened"] = np.zeros((walls, rows), dtype=np.int32)
     if f.has_volume:
         assert model.bond_weight is not None
         state["bond_weight"] = model.bond_weight * linked[:-1]
@@ -606,6 +651,8 @@ def build(scene: Scene) -> Model:
         facet_bonds += len(node_bonds)
     n, bonds = len(each["position"]), len(pairs)
     incidence = _incidence(pairs, n)
+    if scene.contacts is not None:  # what touches has a slot of its own, of no bond
+        incidence = np.vstack([incidence, np.full((1, n), 2 * bonds, dtype=np.int32)])
     mass, held, held_rotation = each["mass"], each["held"] > 0.0, each["held_rotation"] > 0.0
     moments, axes = _principal(bodies, mass, each["inertia"])
     inertia = each["inertia"] if moments is None else moments.mean(axis=1)
@@ -714,6 +761,8 @@ def build(scene: Scene) -> Model:
         _add_viscous(model, viscous, each)
     if any(mask.any() for mask in unlinked):
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
+    if scene.contacts is not None:
+        _add_contact(model, scene, each)
     return model
 
 
@@ -1195,6 +1244,49 @@ def _add_lists(
         model.near_facets = int((model.near_bonds < model.facet_bonds).sum())
         both = np.stack([model.bond_i, model.bond_j])[:, model.near_bonds]
         model.near_elements = np.unique(both).astype(np.int32)
+
+
+def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
+    """Elements that may touch: all of several bodies; of one, those with a free surface or with
+    bonds that are or may be unlinked. Pairs that bonds join do not."""
+    bodies, own = scene.bodies, model.own_elements
+    if any(b.packing.period is not None for b in bodies):
+        raise InputError("contact is not for periodic bodies; their sides have no surface.")
+    may_touch = np.concatenate([has_free_surface(b.packing) for b in bodies])
+    may_touch |= len(bodies) > 1
+    starts = dict(
+        zip(map(id, bodies), np.cumsum([0, *(len(b.packing) for b in bodies)]), strict=False)
+    )
+    for body in bodies:
+        may_touch[body.packing.bonds[~body.linked | body.breakable] + starts[id(body)]] = True
+    elements = np.flatnonzero(may_touch)
+    model.contact, model.walls = scene.contacts, tuple(scene.walls)
+    model.contact_elements = elements.astype(np.int32)
+    radius = np.ones(model.elements)
+    radius[:own] = np.concatenate([touching_radius(b.packing) for b in bodies])
+    width = np.concatenate([np.full(len(b.packing), b.packing.thickness) for b in bodies])
+    model.contact_radius = radius
+    model.contact_width = np.append(width, np.ones(model.nodes))
+    for name, modulus in (("compliance", "pressure_modulus"), ("shear", "two_shear")):
+        stiff = np.where(each[modulus] > 0.0, each[modulus], 1.0)
+        setattr(model, "contact_" + name, radius / stiff)
+    low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
+    model.contact_position = model.position - 0.5 * (low + high)
+    model.bonded_start, model.bonded, which = bonded_rows(model.own_pairs, elements, own)
+    if model.listed_bonds is not None:
+        place = np.full(model.bonds, -1, dtype=np.int32)
+        place[model.listed_bonds] = np.arange(len(model.listed_bonds))
+        model.bonded_listed = place[model.own_bonds[which]]
+    if model.walls:
+        model.wall_normal = np.array([w.normal for w in model.walls])
+        model.wall_velocity = np.array([w.velocity for w in model.walls])
+        model.wall_friction = np.array([w.friction for w in model.walls])
+        model.wall_distance = np.array(
+            [
+                (model.position[elements] - w.point) @ w.normal - radius[elements]
+                for w in model.walls
+            ]
+        )
 
 
 def _group(fracture: Fracture, first: int, count: int) -> Group:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .bond import EVMBond
+from .contact import Contact, Wall
 from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
 from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
 from .material import Material
@@ -152,6 +153,8 @@ class Scene:
         self.grip_histories: list[History] = [_always]
         self.servos: list[Servo] = []
         self.gravity: Array | None = None
+        self.contacts: Contact | None = None
+        self.walls: list[Wall] = []
 
     def add(
         self,
@@ -453,6 +456,52 @@ class Scene:
     def set_gravity(self, acceleration: ArrayLike) -> None:
         """A body force: this acceleration [m/s^2], (dim,), of every element of the scene."""
         self.gravity = finite("acceleration", acceleration, (None,))
+
+    def contact(self, friction: float = 0.0, restitution: float = 1.0, skin: float = 0.5) -> None:
+        """Let elements touch that no bond joins (theory B11); without this they pass through.
+
+        They touch as spheres, in the plane discs, of the distance to their nearest face, with a
+        stiffness as that of bonds. friction: Coulomb's, between all of them; restitution: speed
+        along the normal after two elements have touched over that before, 0 to 1 (elastic).
+        skin: of the list of neighbours over the median radius; a matter of speed alone.
+
+        Pairs that a bond joins or joined are left out: a broken bond closes on its own face.
+        """
+        mu = float(finite("friction", friction, ()))
+        e = float(finite("restitution", restitution, ()))
+        if mu < 0.0:
+            raise InputError(f"friction is {mu:g}; give 0 or more.")
+        if not 0.0 <= e <= 1.0:
+            raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
+        self.contacts = Contact(mu, e, float(positive("skin", skin, ())))
+
+    def wall(
+        self,
+        point: ArrayLike,
+        normal: ArrayLike,
+        friction: float | None = None,
+        velocity: ArrayLike | None = None,
+    ) -> Wall:
+        """A plane through `point` [m] that elements touch, on the side its normal points to.
+
+        friction: by default that of `contact`, which a scene with walls needs; velocity [m/s]: the
+        plane's own, by default none. Returns the wall, whose force `Simulation.wall_force` tells.
+        """
+        if self.contacts is None:
+            raise InputError("walls touch elements as these touch each other; call contact first.")
+        if not self.bodies:
+            raise InputError("add bodies to the scene before its walls.")
+        dim = self.bodies[0].packing.dim
+        n = finite("normal", normal, (dim,))
+        if not np.linalg.norm(n) > 0.0:
+            raise InputError("the wall's normal is zero; give the direction that it faces.")
+        mu = self.contacts.friction if friction is None else float(finite("friction", friction, ()))
+        if mu < 0.0:
+            raise InputError(f"friction is {mu:g}; give 0 or more.")
+        v = np.zeros(dim) if velocity is None else finite("velocity", velocity, (dim,))
+        wall = Wall(finite("point", point, (dim,)), n / np.linalg.norm(n), mu, v)
+        self.walls.append(wall)
+        return wall
 
     def servo(
         self,

@@ -10,10 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import fields
 from .bond import EVMBond
-from .errors import Array, InputError, ModelWarning, NonFiniteError, finite, first_ids, one_of
+from .errors import (
+    Array,
+    InputError,
+    ModelWarning,
+    NonFiniteError,
+    TooFastError,
+    finite,
+    first_ids,
+    one_of,
+)
 from .model import build, face_arms, state_arrays, with_moving_nodes, with_nodes
-from .scene import Body, Scene, Servo
-from .stability import bound_damping, bound_frequency, largest_frequency, link_states
+from .scene import Body, Scene, Servo, Wall
+from .stability import bound_contact, bound_damping, bound_frequency, largest_frequency, link_states
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
@@ -21,7 +30,10 @@ from .trouble import Distortion, Slips, Troubles
 
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping, plastic flow and viscous branches took
-HELD = ("kinetic", "pair", "volume", "contact", "integrator", "damping", "plastic", "viscous")
+HELD = (
+    *("kinetic", "pair", "volume", "contact", "integrator"),
+    *("friction", "damping", "plastic", "viscous"),
+)
 SERVO_EVERY = 5  # steps between looks of a servo at its traction
 SERVO_GAIN = 0.5  # share of the lacking traction that it makes good for at a look
 GUARD_EVERY = 100  # steps between checks for non-finite numbers
@@ -86,9 +98,13 @@ class Simulation:
         frequency = 0.0
         for linked in link_states(self.model):
             trial = state_arrays(self.model, scene, linked)
-            step = Step(self.model, trial, 1.0, precision, self.device, simd, slack=np.inf)
+            step = Step(
+                self.model, trial, 1.0, precision, self.device, simd, slack=np.inf, touches=False
+            )
             frequency = max(frequency, largest_frequency(step, self._spacing))
-        bound = bound_frequency(self.model)
+        touch = bound_contact(self.model)
+        frequency = float(np.hypot(frequency, touch))
+        bound = float(np.hypot(bound_frequency(self.model), touch))
         rate = bound_damping(self.model)
         self.dt_limit = 2.0 / max(frequency, rate) if frequency > 0.0 else np.inf
         self.dt_bound = 2.0 / bound if bound > 0.0 else np.inf
@@ -112,6 +128,7 @@ class Simulation:
             simd,
             local_damping=local_damping,
         )
+        self._check_speed(InputError)
         self._step.evaluate_forces()
         self._step.remember_springs()
         self._troubles: list[Troubles | Slips | Distortion] = []
@@ -201,6 +218,7 @@ class Simulation:
         For slender bodies and exact answers; outer loads grow in steps of 1/load_steps, halved
         where the method does not converge in max_iterations. The rest as `relax`.
         """
+        self._refuse_contact("equilibrate")
         self._step.synchronise()
         try:
             with self._step.at_rest():
@@ -216,6 +234,7 @@ class Simulation:
         The state should be one of rest. A negative one stands for a motion that grows as
         exp(|omega| t): the state is unstable, as a column above its buckling load.
         """
+        self._refuse_contact("natural_frequencies")
         self._step.synchronise()
         try:
             with self._step.at_rest():
@@ -423,6 +442,23 @@ class Simulation:
         broken = np.bincount(bonds[~self.linked].ravel(), minlength=n)
         return broken / np.maximum(np.bincount(bonds.ravel(), minlength=n), 1)
 
+    @property
+    def contacts(self) -> NDArray[np.int64]:
+        """Pairs of elements that touch now without a bond, (c, 2), the lower id first."""
+        if self._step.neighbours is None or self.model.contact_radius is None:
+            return np.zeros((0, 2), dtype=np.int64)
+        i, j = self._step.neighbours.pairs().astype(np.int64).T
+        x, radius = self.position, self.model.contact_radius
+        near = np.linalg.norm(x[j] - x[i], axis=1) < radius[i] + radius[j]
+        return np.stack([i, j], axis=1)[near]
+
+    def wall_force(self, wall: Wall) -> Array:
+        """Force of all elements on a wall [N], (dim,)."""
+        for row, mine in enumerate(self.model.walls):
+            if mine is wall:
+                return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+        raise InputError("this wall is not in the simulation's scene.")
+
     def elements(self, body: Body) -> slice:
         """The elements of a body among those of the simulation."""
         if id(body) not in self._elements:
@@ -477,12 +513,12 @@ class Simulation:
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
-        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked ones):
-        held now; fracture: released by breaking bonds; damping: taken by dashpots, local damping
-        and absorbing sides; plastic: dissipated by plastic flow; viscous: by branches; work: done
-        by moving grips, outer loads and a periodic box; integrator: velocity
-        Verlet's own term (theory B13), its jumps at breaking bonds included; residual: what is
-        missing from their balance.
+        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs
+        and whatever touches): held now; friction: taken by slip; fracture: released by breaking
+        bonds; damping: taken by dashpots, local damping, absorbing sides and restitution; plastic:
+        dissipated by plastic flow; viscous: by branches; work: done by moving grips and walls,
+        outer loads and a periodic box; integrator: velocity Verlet's own term (theory B13), its
+        jumps at breaking bonds included; residual: what is missing from their balance.
         """
         ledger = self._measure()
         before, now = (
@@ -533,6 +569,12 @@ class Simulation:
         self._start_anew()
 
     # -- within -----------------------------------------------------------------------------------
+
+    def _refuse_contact(self, what: str) -> None:
+        if self.model.contact is not None:
+            raise InputError(
+                f"{what} does not know of contact; take relax, or a scene without contact."
+            )
 
     def _steer(self, servo: Servo) -> None:
         """Move a servo's grip as an absorbing side under the wanted traction would: by the lack of
@@ -601,8 +643,28 @@ class Simulation:
                     f"{self._step.count} (time {self.time:.4g} s, dt {self.dt:.4g} s, limit "
                     f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
                 )
+        self._check_speed(TooFastError)
         for troubles in self._troubles:
             troubles.check(self._step)
+
+    def _check_speed(self, error: type[Exception]) -> None:
+        """Refuse elements that would pass through others within a step."""
+        m = self.model
+        if m.contact_elements is None or m.contact_radius is None:
+            return
+        own = m.contact_elements
+        v = self._step.download("velocity").astype(np.float64)[own]
+        mean = np.average(v, axis=0, weights=m.mass[own])
+        least = float(m.contact_radius[own].min())
+        far = np.linalg.norm(v - mean, axis=1) * self.dt
+        if far.max() > 0.5 * least:
+            fast = np.zeros(m.elements, dtype=bool)
+            fast[own] = far > 0.5 * least
+            raise error(
+                f"elements {first_ids(fast)} move by up to {far.max():.3g} m in a step, more than "
+                f"half the least radius, {least:.3g} m, and would pass through others; take dt "
+                f"below {0.5 * least / far.max() * self.dt:.3g} s."
+            )
 
 
 def _device(name: str) -> str:

@@ -28,7 +28,7 @@ def largest_frequency(step: Step, spacing: float) -> float:
     spins = 1 if dim == 2 else 3
     root, spin_root = np.sqrt(m.inverse_mass).ravel(), inverse_inertia_root(m)
     free = np.flatnonzero(np.concatenate([root, np.repeat(m.inverse_inertia, spins)]))
-    if len(free) == 0:
+    if len(free) == 0 or m.bonds == 0:
         return 0.0
     small = 1e-6 if step.download("displacement").dtype == np.float64 else 1e-4
     rotation = np.zeros((n, 2 if dim == 2 else 4))
@@ -106,6 +106,31 @@ def bound_frequency(model: Model) -> float:
         if model.bond_weight is not None:
             blocks.add_springs(evm, _volume_springs(model)[evm])
     return float(np.sqrt(2.0 * blocks.greatest()))
+
+
+def bound_contact(model: Model) -> float:
+    """An angular frequency [rad/s] that contacts add at most to that of the bonds, in squares.
+
+    Of elements that touch on all sides, 6 others of their size in the plane and 12 in space, by
+    K <= 2 blockdiag(K_ii) as in `bound_frequency`; each of them by its own radius and moduli, to
+    which a smaller or a softer neighbour would be softer.
+    """
+    if model.contact_elements is None:
+        return 0.0
+    dim, own = model.features.dim, model.contact_elements
+    radius, width = _of(model.contact_radius)[own], _of(model.contact_width)[own]
+    area = np.pi * radius**2 if dim == 3 else 2.0 * radius * width
+    # a wall is twice as stiff as another element
+    share = (1.0 if model.walls else 0.5) * area
+    normal = share / _of(model.contact_compliance)[own]
+    shear = share / _of(model.contact_shear)[own] if model.rubs else np.zeros(len(own))
+    around = 12 if dim == 3 else 6
+    moving = model.inverse_mass[own].max(axis=1)
+    root = (inverse_inertia_root(model)[own] ** 2).max(axis=(1, 2))
+    pushed = around / dim * (normal + (dim - 1) * shear) * moving
+    across = 1.0 if dim == 2 else 2.0 / 3.0
+    turned = around * across * shear * radius**2 * root
+    return float(np.sqrt(2.0 * (pushed + turned).max(initial=0.0)))
 
 
 def bound_damping(model: Model) -> float:

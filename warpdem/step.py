@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .kernels.algebra import space
 from .kernels.box import strain_box
 from .kernels.closing import UNKNOWN
+from .kernels.contact import contact_energies, contact_forces, contact_settle
 from .kernels.damping import damp, evm_dashpots
 from .kernels.evm import (
     evm_angles,
@@ -63,6 +64,7 @@ from .kernels.viscous import (
 )
 from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
+from .neighbours import Neighbours
 
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arrays that kernels name and only some scenes have
@@ -81,6 +83,9 @@ OPTIONAL = frozenset(
         *("bond_keep", "break_damage", "softening_end"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
+        *("contact_spring", "contact_opened", "slip_energy", "restitution_energy"),
+        *("wall_normal", "wall_velocity", "wall_friction", "wall_distance", "wall_shift"),
+        *("wall_debt", "wall_impulse", "wall_opened", "wall_spring", "wall_reaction", "wall_work"),
     }
 )
 # sums over many steps, and what flows by little in one, in float64 always
@@ -90,6 +95,7 @@ SUMS = frozenset(
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
+        *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
     }
 )
 # arithmetic of forces, arithmetic of places
@@ -106,8 +112,10 @@ class Passes:
     A launch costs several microseconds, a node of a graph a fraction of one.
     """
 
-    def __init__(self, launches: list[wp.Launch], device: str) -> None:
-        self.launches, self.device = launches, device
+    def __init__(self, launches: list[wp.Launch | None], device: str) -> None:
+        # a launch over nothing, as of the bonds of a single element, is None
+        self.launches = [x for x in launches if x is not None]
+        self.device = device
         self.graph: wp.Graph | None = None
 
     def launch(self) -> None:
@@ -142,6 +150,7 @@ class Step:
         simd: bool = True,
         slack: float = 0.0,
         local_damping: float = 0.0,
+        touches: bool = True,
     ) -> None:
         self.model, self.device, self.dt, self._slack = model, device, dt, slack
         self.local_damping = local_damping
@@ -167,6 +176,9 @@ class Step:
         self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
+        self.neighbours: Neighbours | None = None
+        if model.contact is not None and touches:
+            self.neighbours = Neighbours(model, self.arrays, *self._space, self.device)
         self.forget_gaps()
         self._bind_step()
         self.set_factors()
@@ -177,11 +189,16 @@ class Step:
         """From t to t + dt (theory B13)."""
         # damp, move, evaluate forces, return stresses beyond yield, test for fracture
         (self._start if self.synchronous else self._finish_and_start).launch()
+        if self.neighbours is not None:
+            self._touch(moves=True)
+            self._evaluate.launch()
         self.synchronous = False
         self.count += 1
         self.set_factors()
         if self._settle and self._raised("any_crossed"):
             self._settle.launch()
+        if self.neighbours is not None and self._raised("any_touched"):
+            self._settle_contact.launch()
         if self.model.criteria and self._raised("any_broken"):
             self.break_bonds()
 
@@ -206,6 +223,23 @@ class Step:
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
         self._forces.launch()
+        if self.neighbours is not None:
+            self._touch(moves=False)
+
+    def _touch(self, moves: bool) -> None:
+        """Forces of contacts, from a list of neighbours that holds for the current places.
+
+        moves: whether this is the end of a step, and friction's springs go with it.
+        """
+        assert self.neighbours is not None
+        if self.model.walls:
+            time = (self.count + moves) * self.dt
+            self._write(
+                "wall_shift", np.array([w.velocity @ w.normal * time for w in self.model.walls])
+            )
+        if self.neighbours.refresh():
+            self._bind_contact()
+        (self._contact if moves else self._contact_still).launch()
 
     def forget_gaps(self) -> None:
         """Start the books of unlinked pairs anew, after the state was overwritten."""
@@ -269,6 +303,9 @@ class Step:
         assert self._relax is not None
         self.upload("relaxing_mix", np.array([keep, push]))
         self._relax.launch()
+        if self.neighbours is not None:
+            self._touch(moves=False)
+            self._relax_power.launch()
 
     def synchronise(self) -> None:
         """Bring velocities to the time of the places."""
@@ -308,12 +345,16 @@ class Step:
             linked = self.arrays["bond_linked"].numpy()[self.model.listed_bonds] > 0.0
             closing = self.arrays["closing_energy"].numpy()
             contact = float(closing.sum(where=~linked, dtype=np.float64))
+        if self.neighbours is not None:
+            self._contact_energies.launch()
+            contact += self._sum("contact_energy")
         return {
             "kinetic": self._sum("kinetic_energy"),
             "pair": self._sum("linked_energy"),
             "volume": volume + locked,
             "contact": contact,
-            "damping": self._taken("damped_energy", "dashpot_work"),
+            "friction": self._taken("slip_energy"),
+            "damping": self._taken("damped_energy", "dashpot_work", "restitution_energy"),
             "plastic": dissipated - locked if self.model.yielding else 0.0,
             "viscous": 0.0 if self.model.yielding else dissipated,
             "integrator": self._sum("integrator_energy") + self.integrator_released,
@@ -322,7 +363,7 @@ class Step:
     @property
     def work(self) -> float:
         """Work done so far by grips, loads and a periodic box [J]."""
-        return self._taken("element_work", "box_work", "dashpot_work")
+        return self._taken("element_work", "box_work", "dashpot_work", "wall_work")
 
     def evaluate_angles(self) -> dict[str, NDArray[np.float64]]:
         """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
@@ -384,15 +425,56 @@ class Step:
         damping = self._damping_passes()
         box, boxed = self._box_passes()
         drift = self._move(0.0, half, drifts=True)
-        start = [*box, drift, *forces, *flow, *boxed, *fracture]
+        evaluate = [*forces, *flow, *boxed, *fracture]
+        if self.neighbours is not None:  # contacts are found between the drift and the forces
+            self._bind_contact()
+            self._evaluate, evaluate = self._passes(evaluate), []
+        start = [*box, drift, *evaluate]
         self._finish = self._move(half, 0.0)
         self._start = self._passes([*damping, *start])
         if damping:
             self._finish_and_start = self._passes([self._finish, *damping, *start])
         else:
             self._finish_and_start = self._passes(
-                [*box, self._move(half, half, drifts=True), *forces, *flow, *boxed, *fracture]
+                [*box, self._move(half, half, drifts=True), *evaluate]
             )
+
+    def _bind_contact(self) -> None:
+        """Passes over the list of neighbours: forces as a step ends, forces of a given state, what
+        closing and opening left over, energies."""
+        (s, k), m = self._space, self.model
+        assert self.neighbours is not None and m.contact is not None
+        rows, walls = self.neighbours.rows, len(m.walls)
+        bounces = m.contact.restitution < 1.0
+        given: dict[str, Any] = {"rows": rows, "walls": walls}
+        law = contact_forces(s, k, m.rubs, bounces, walls > 0)
+        numbers = {
+            "friction": m.contact.friction,
+            "first_place": (m.features.slots - 1) * m.elements,
+        }
+        self._contact, self._contact_still = (
+            self._bind(law, rows, dt=dt, **numbers, **given) for dt in (self.dt, 0.0)
+        )
+        law = contact_settle(s, k, bounces, walls > 0)
+        numbers = {"restitution": m.contact.restitution}
+        impulses = {
+            "end_force": self.arrays["settling_impulse"],
+            "end_torque": self.arrays["settling_twist"],
+        }
+        half = 0.5 * self.dt
+        passes = [self._move(half, 0.0, elements="contact_elements")]
+        for _ in range(SETTLEMENTS):
+            passes.append(self._bind(law, rows, share=1.0, **numbers, **given))
+            passes.append(
+                self._move(1.0, 0.0, elements="contact_elements", loads=impulses, slots=1)
+            )
+        passes.append(self._bind(law, rows, share=0.0, **numbers, **given))
+        passes.append(self._move(-half, 0.0, elements="contact_elements"))
+        self._settle_contact = self._passes(passes)
+        if "contact_energy" not in self.arrays:
+            self.upload("contact_energy", np.zeros(rows))
+        law = contact_energies(s, k, m.rubs, walls > 0)
+        self._contact_energies = self._bind(law, rows, **given)
 
     def _damping_passes(self) -> list[wp.Launch]:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -662,7 +744,9 @@ class Step:
             )
             for law in (fire, fire_power)
         )
-        passes = [steer, self._move(0.0, 0.0, drifts=True), *self._force_passes(), power]
+        passes = [steer, self._move(0.0, 0.0, drifts=True), *self._force_passes()]
+        if self.neighbours is None:
+            passes.append(power)
         return self._passes(passes), power
 
     def _force_passes(self, near: bool = False, has_dilations: bool = False) -> list[wp.Launch]:
@@ -754,13 +838,14 @@ class Step:
         drifts: bool = False,
         elements: str | None = None,
         loads: dict[str, wp.array] | None = None,
+        slots: int | None = None,
     ) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
         external = f.external if loads is None else NO_LOADS  # impulses come without them
         law = move(
             s,
             k,
-            f.slots,
+            f.slots if slots is None else slots,
             external,
             f.has_moments,
             f.has_work,
@@ -874,7 +959,7 @@ class Step:
         return self._nothings[dtype]
 
     def _passes(self, launches: list[wp.Launch]) -> Passes:
-        return Passes(launches, self.device)
+        return Passes(list(launches), self.device)
 
     def _bind(self, kernel, dim: int, **given: Any) -> wp.Launch:
         """A recorded launch whose arguments are found by name.

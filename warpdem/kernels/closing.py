@@ -117,4 +117,4 @@ def closing(s: Laws) -> Laws:
         twist_j = size * s.cross(arm_j, n)
         s.store_ends(bond_place, closing_impulse, closing_twist, b, -size * n, twist_i, twist_j)
 
-    return Laws(energy=energy, pull=pull, left_over=left_over, settle=settle)
+    return Laws(energy=energy, pull=pull, left_over=left_over, impulse=impulse, settle=settle)

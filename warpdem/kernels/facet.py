@@ -54,7 +54,9 @@ def facet(s: Laws) -> Laws:
     def closing_force(pull: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec):
         """Force on i and torques of a pull along n, the turning of n included."""
         n = wp.normalize(p + m)
-        slip = (delta - wp.dot(delta, n) * n) / wp.length(p + m)
+        # of elements that have turned over against each other there is no normal
+        both = wp.max(wp.length(p + m), real(1.0e-6))
+        slip = (delta - wp.dot(delta, n) * n) / both
         f = pull * n
         ti = s.cross(ci, f) - pull * s.cross(p, slip)
         tj = -s.cross(cj, f) - pull * s.cross(m, slip)

@@ -2,6 +2,7 @@
 
 from . import (  # noqa: F401  they register
     beam,
+    contact,
     core,
     evm,
     finite,

@@ -1,0 +1,418 @@
+"""Elements that touch without a bond, friction and walls (theory B11, C5)."""
+
+from collections.abc import Iterator
+from math import pi
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from .. import packing
+from ..bond import EVMBond
+from ..errors import Array
+from ..material import Material
+from ..packing import Packing
+from ..scene import Scene
+from ..simulation import Simulation
+from .case import Measurement, case
+from .core import vanishing
+
+SOFT = Material(1.0, 0.3, 1.0)
+MU = 0.4  # friction
+
+
+def ball(place: Array, radius: float) -> Packing:
+    """One element of the plane or of space, without bonds."""
+    dim = len(place)
+    volume = pi * radius**2 if dim == 2 else 4.0 / 3.0 * pi * radius**3
+    return Packing(
+        np.array([place], dtype=float),
+        np.array([volume]),
+        np.zeros((0, 2), dtype=np.int64),
+        plane="strain" if dim == 2 else None,
+        area=np.zeros(0),
+        arms=np.zeros((0, 2, dim)),
+    )
+
+
+def balls(place: Array, radius: Array) -> Packing:
+    """Elements of which bonds of no concern join the first two, as a body needs one."""
+    dim = place.shape[1]
+    volume = pi * radius**2 if dim == 2 else 4.0 / 3.0 * pi * radius**3
+    return Packing(
+        place, volume, np.array([[0, 1]]), radius=radius, plane="strain" if dim == 2 else None
+    )
+
+
+def momenta(sim: Simulation) -> tuple[Array, Array, float, float]:
+    """Momentum and angular momentum of all elements, and sums of the sizes they are made of."""
+    m, j = sim.model.mass, sim.model.inertia
+    p = m[:, None] * sim.velocity
+    spin = j[:, None] * sim.angular_velocity
+    orbit = np.cross(sim.position, p).reshape(len(p), -1)
+    return p.sum(axis=0), (orbit + spin).sum(axis=0), np.abs(p).sum(), np.abs(orbit).sum()
+
+
+@case("contact")
+def neighbour_lists() -> Iterator[Measurement]:
+    """The list of neighbours against a tree search on the host: pairs in one and not the other."""
+    rng = np.random.default_rng(3)
+    for dim in (2, 3):
+        sets = {
+            "random": rng.uniform(0.0, 12.0, (400, dim)),
+            "clustered": rng.normal(0.0, 0.6, (300, dim)) + 40.0 * rng.integers(0, 3, (300, dim)),
+            "far from the origin": rng.uniform(0.0, 9.0, (300, dim)) + 1e6,
+            "on a line": np.linspace(0.0, 300.0, 400)[:, None] * np.eye(dim)[0],
+        }
+        for name, x in sets.items():
+            radius = rng.uniform(0.1, 0.5, len(x))
+            scene = Scene()
+            bond = EVMBond(1.0, 1.0, 1.0, 1.0)
+            scene.add(balls(x, radius), SOFT, bond=bond)
+            scene.contact(skin=0.3)
+            sim = Simulation(scene, dt=1e-6, force_dt=True)
+            for moved in (False, True):  # as it starts, and where elements have gone elsewhere
+                if moved:
+                    u = rng.normal(0.0, 1.0, x.shape)
+                    sim.set_state(displacement=u)
+                assert sim.model.contact_radius is not None
+                reach = sim.model.contact_radius
+                near = sim._step.neighbours
+                assert near is not None
+                place = sim.position - x[0]
+                i, j = cKDTree(place).query_pairs(2.0, output_type="ndarray").T
+                apart = np.linalg.norm(place[j] - place[i], axis=1)
+                listed = apart <= reach[i] + reach[j] + near.skin
+                wanted = {(a, b) for a, b in zip(i[listed], j[listed], strict=True)}
+                wanted -= {(0, 1)}
+                found = {(a, b) for a, b in near.pairs()}
+                where = f"{name}, {dim}D" + (", moved" if moved else "")
+                yield Measurement(
+                    f"listed pairs, {where}", len(wanted), "tree search", len(found),
+                    len(wanted ^ found), 0.0,
+                )  # fmt: skip
+                double = len(near.pairs()) - len(found)
+                yield vanishing(f"pairs listed twice, {where}", "tree search", double, 0.0)
+
+
+@case("contact")
+def two_elements_collide() -> Iterator[Measurement]:
+    """Two elements meet obliquely: momentum, energy, the speed along the normal they part at."""
+    for dim in (2, 3):
+        for precision, limit in (("float64", 1e-12), ("mixed", 1e-5), ("float32", 1e-4)):
+            for restitution in (1.0, 0.7, 0.0):
+                scene = Scene()
+                one = scene.add(ball(np.zeros(dim), 0.5), SOFT)
+                offset = np.array([1.05, 0.3, -0.2])[:dim]
+                scene.add(ball(offset, 0.4), SOFT)
+                scene.set_velocity(one, np.array([5e-3, 1e-3, 0.0])[:dim])
+                scene.contact(restitution=restitution)
+                sim = Simulation(scene, precision=precision)
+                before = momenta(sim)
+                held = sim.energy()["kinetic"]
+                v = sim.velocity
+                while not len(sim.contacts):
+                    sim.run(steps=1)
+                while len(sim.contacts):
+                    sim.run(steps=1)
+                after = momenta(sim)
+                where = f"{dim}D, {precision}, restitution {restitution}"
+                error = np.abs(after[0] - before[0]).max() / before[2]
+                yield vanishing(
+                    f"momentum, {where}", "Newton", error, 1e-14 if limit < 1e-6 else 1e-6
+                )
+                # the impulse is along the normal at which they touch, as nothing rubs
+                kick = sim.velocity - v
+                n = kick[1] / np.linalg.norm(kick[1])
+                closing = float((v[0] - v[1]) @ n)
+                parting = float((sim.velocity[1] - sim.velocity[0]) @ n)
+                yield Measurement(
+                    f"speed along the kick after over before, {where}", restitution,
+                    "as set", parting / closing, abs(parting / closing - restitution),
+                    1e-3 if restitution < 1.0 else limit * 10,
+                )  # fmt: skip
+                ledger = sim.energy()
+                error = abs(ledger["residual"]) / held
+                yield vanishing(f"energy missing, {where}", "conserved", error, limit)
+
+
+@case("contact")
+def two_bodies_collide() -> Iterator[Measurement]:
+    """Two elastic bodies meet obliquely, at 5e-4 of the speed of sound."""
+    shapes = {
+        "hexagonal": packing.hexagonal((6.0, 5.0), 1.0, "strain"),
+        "Voronoi": packing.voronoi((6.0, 5.0), 1.0, "stress", seed=2),
+        "Voronoi in space": packing.voronoi((3.5, 3.5, 3.5), 1.0, seed=1),
+    }
+    speed = 5e-4
+    for (name, p), friction in zip(
+        [*shapes.items(), *shapes.items()], [0.0] * 3 + [0.4] * 3, strict=True
+    ):
+        scene = Scene()
+        scene.add(p, SOFT)
+        other = scene.add(p, SOFT)
+        wide = p.position[:, 0].max() - p.position[:, 0].min() + 1.02
+        other.displacement[:] = np.array([wide, 1.3, 0.6])[: p.dim]
+        scene.set_velocity(other, -speed * np.array([1.0, 0.2, 0.1])[: p.dim])
+        scene.contact(friction=friction)
+        sim = Simulation(scene)
+        before, held = momenta(sim), sim.energy()["kinetic"]
+        touched = 0
+        for _ in range(150):
+            sim.run(until=sim.time + 8.0)
+            touched += len(sim.contacts)
+        after = momenta(sim)
+        where = f"{name}, friction {friction}"
+        yield Measurement(
+            f"touching pairs seen, {where}", 1, "they meet", touched, float(touched == 0), 0.0
+        )
+        error = np.abs(after[0] - before[0]).max() / before[2]
+        yield vanishing(f"momentum, {where}", "Newton", error, 1e-13)
+        error = np.abs(after[1] - before[1]).max() / before[3]
+        yield vanishing(f"angular momentum, {where}", "Newton", error, 1e-12)
+        error = abs(sim.energy()["residual"]) / held
+        yield vanishing(f"energy missing, {where}", "conserved", error, 1e-6)
+        if friction:
+            slipped = sim.energy()["friction"]
+            yield Measurement(
+                f"energy that slip took, {where}", 0.0, "positive", slipped,
+                float(slipped <= 0.0), 0.0,
+            )  # fmt: skip
+
+
+@case("contact")
+def history_turns_with_its_pair() -> Iterator[Measurement]:
+    """A pressed pair with a tangential spring turns rigidly once about any axis, 1000 steps."""
+    steps = 1000
+    for number, axis in enumerate(([0.0, 0.0, 1.0], [1.0, 0.0, 0.2], [0.3, -0.5, 0.8])):
+        omega = np.array(axis) / np.linalg.norm(axis)
+        scene = Scene()
+        scene.add(ball(np.zeros(3), 0.5), SOFT)
+        scene.add(ball(np.array([0.9, 0.0, 0.0]), 0.5), SOFT)
+        scene.contact(friction=100.0)
+        sim = Simulation(scene, dt=2.0 * pi / steps, force_dt=True)
+        step = sim._step
+        spring = np.array([0.0, 0.01, 0.02])
+        entries = step.arrays["contact_spring"].size // 3
+        step.arrays["contact_spring"].assign(
+            np.concatenate([np.tile(spring, 2), np.zeros(3 * entries - 6)])
+        )
+        x = sim.position
+        worst = 0.0
+        for k in range(1, steps + 1):
+            turn = Rotation.from_rotvec(2.0 * pi * k / steps * omega)
+            now = turn.apply(sim.model.position)
+            step.upload("displacement", now - sim.model.position)
+            step.upload("velocity", (now - x) / sim.dt)
+            step.upload("angular_velocity", np.tile(omega, (2, 1)))
+            x = now
+            step._touch(moves=True)
+            found = step.arrays["contact_spring"].numpy()[:6].reshape(2, 3)
+            worst = max(worst, np.abs(found - turn.apply(spring)).max())
+        error = worst / np.linalg.norm(spring)
+        yield vanishing(
+            f"spring on the way, axis {number}", "turned with the pair", float(error), 1e-5
+        )
+        lost = abs(sim.energy()["friction"])
+        yield vanishing(f"taken by slip, axis {number}", "no slip", lost, 1e-20)
+
+
+def _block(slope: float) -> tuple[Simulation, float]:
+    """A block on a wall, under gravity that is turned by a slope. Dashpots beside its bonds calm
+    what friction rouses in it, and take no momentum."""
+    p = packing.hexagonal((9.0, 3.5), 1.0, "strain")
+    scene = Scene()
+    scene.add(p, SOFT, bond=EVMBond(1.0, 0.4, 0.1, 0.1, damping=0.5))
+    scene.contact(friction=MU)
+    scene.wall([0.0, p.position[:, 1].min() - 0.5], [0.0, 1.0])
+    g = 1e-4
+    scene.set_gravity([g * np.sin(slope), -g * np.cos(slope)])
+    return Simulation(scene), g
+
+
+def _rider(slope: float, dim: int, calm: float = 0.0) -> tuple[Simulation, float]:
+    """An element that does not turn, at rest on a wall across it."""
+    scene = Scene()
+    body = scene.add(ball(np.zeros(dim), 0.5), SOFT)
+    scene.hold(body, [0], axes="", rotation=True)
+    scene.contact(friction=MU)
+    up = np.eye(dim)[1]
+    scene.wall(-0.5 * up, up)
+    g = 1e-4
+    fall = np.zeros(dim)
+    fall[:2] = g * np.sin(slope), -g * np.cos(slope)
+    scene.set_gravity(fall)
+    sim = Simulation(scene, local_damping=calm)
+    model = sim.model
+    assert model.contact_compliance is not None and model.contact_width is not None
+    area = 2.0 * 0.5 * model.contact_width[0] if dim == 2 else pi * 0.25
+    sag = model.mass[0] * g * np.cos(slope) * model.contact_compliance[0] / area
+    sim.set_state(displacement=[-sag * up])
+    return sim, g
+
+
+@case("contact")
+def sliders_stop() -> Iterator[Measurement]:
+    """Friction on a wall stops an element, and a block: v^2/(2 mu g)."""
+    speed = 0.02
+    for name in ("element, 2D", "element, 3D", "block"):
+        is_block = name == "block"
+        sim, g = _block(0.0) if is_block else _rider(0.0, 2 if "2D" in name else 3)
+        if is_block:
+            sim.relax(tolerance=1e-8)
+        weight = sim.model.mass.sum() * g
+        pressed = -float(sim.wall_force(sim.scene.walls[0])[1])
+        error = abs(pressed / weight - 1.0)
+        yield Measurement(
+            f"force on the wall over weight, {name}", 1, "rest", pressed / weight, error, 1e-6
+        )
+        v = np.zeros_like(sim.velocity)
+        v[:, 0] = speed
+        sim.set_state(velocity=v)
+        share = sim.model.mass / sim.model.mass.sum()
+        start = share @ sim.position[:, 0]
+        way = speed**2 / (2.0 * MU * g)
+        sim.run(until=1.1 * speed / (MU * g))
+        gone = float(share @ sim.position[:, 0] - start)
+        yield Measurement(
+            f"way of the {name}", way, "v^2/(2 mu g)", gone, abs(gone / way - 1.0), 1e-3
+        )
+        ledger = sim.energy()
+        held = 0.5 * sim.model.mass.sum() * speed**2
+        missing = ledger["residual"] / held
+        yield vanishing(f"energy missing, {name}", "conserved", missing, 1e-4)
+
+
+@case("contact")
+def sliders_stick() -> Iterator[Measurement]:
+    """Below the angle of friction an element and a block do not creep; above it they slide."""
+    for name in ("element, 2D", "element, 3D", "block"):
+        dim = 3 if "3D" in name else 2
+        for share in (0.3, 0.8):
+            slope = np.arctan(share * MU)
+            sim, g = _block(slope) if name == "block" else _rider(slope, dim, calm=0.7)
+            sim.run(steps=6000)  # to rest, on springs that friction holds
+            slipped = sim.energy()["friction"]
+            place: list[Array] = []
+            for _ in range(40):
+                sim.run(steps=500)
+                place.append(sim.position.mean(axis=0))
+            early, late = np.mean(place[:20], axis=0), np.mean(place[20:], axis=0)
+            size = sim.model.mass.sum() * g * np.sin(slope) / float(_shear_of_wall(sim))
+            creep = np.abs(late - early).max() / size
+            yield vanishing(f"creep over elastic give, {name}, {share} of mu", "stick", creep, 1e-3)
+            taken = sim.energy()["friction"] - slipped
+            yield vanishing(f"taken by slip, {name}, {share} of mu", "stick", taken, 1e-15)
+        slope = np.arctan(1.5 * MU)
+        sim, g = _block(slope) if name == "block" else _rider(slope, dim)
+        sim.run(steps=3000)
+        mass = sim.model.mass / sim.model.mass.sum()
+        v, time = mass @ sim.velocity[:, 0], sim.time
+        sim.run(steps=3000)
+        found = float(mass @ sim.velocity[:, 0] - v) / (sim.time - time)
+        wanted = g * (np.sin(slope) - MU * np.cos(slope))
+        what = f"acceleration beyond the angle of friction, {name}"
+        error = abs(found / wanted - 1.0)
+        yield Measurement(what, wanted, "g (sin - mu cos)", found, error, 1e-3)
+
+
+def _shear_of_wall(sim: Simulation) -> float:
+    """Tangential stiffness of all elements that touch the wall [N/m]."""
+    m = sim.model
+    assert m.contact_shear is not None and m.contact_radius is not None
+    assert m.contact_width is not None
+    low = m.position[:, 1] < m.position[:, 1].min() + 1e-6
+    r = m.contact_radius
+    area = 2.0 * r * m.contact_width if m.features.dim == 2 else pi * r**2
+    return float((area / m.contact_shear)[low].sum())
+
+
+@case("contact")
+def fragments_fly_freely() -> Iterator[Measurement]:
+    """Loose elements that fly apart with the search on: momentum, and the same bits again."""
+
+    def flying() -> Simulation:
+        p = packing.hexagonal((5.0, 4.0), 1.0, "strain")
+        scene = Scene()
+        body = scene.add(p, SOFT)
+        body.linked[:] = False  # every element on its own
+        rng = np.random.default_rng(1)
+        centre = p.position.mean(axis=0)
+        scene.set_velocity(body, 0.02 * (p.position - centre) + 1e-3 * rng.normal(size=(len(p), 2)))
+        scene.contact(friction=0.3)
+        return Simulation(scene)
+
+    one, two = flying(), flying()
+    before = momenta(one)
+    worst = 0.0
+    for _ in range(100):
+        one.run(steps=10)
+        worst = max(worst, np.abs(momenta(one)[0] - before[0]).max() / before[2])
+    yield vanishing("momentum over 1000 steps", "Newton", worst, 1e-12)
+    two.run(steps=1000)
+    differs = int((one.displacement != two.displacement).sum())
+    near = one._step.neighbours
+    assert near is not None
+    yield Measurement("lists built", 2, "they fly apart", near.builds, float(near.builds < 2), 0.0)
+    yield vanishing("numbers that differ, run at once or in parts", "same bits", differs, 0.0)
+
+
+@case("contact")
+def parted_pairs_meet_again() -> Iterator[Measurement]:
+    """Elements of a broken bond fly apart and meet again the other way round, one turned over."""
+    for dim in (2, 3):
+        p = (
+            packing.hexagonal((4.0, 3.0), 1.0, "strain")
+            if dim == 2
+            else packing.fcc((3.0,) * 3, 1.0)
+        )
+        scene = Scene()
+        body = scene.add(p, SOFT)
+        body.linked[:] = False
+        scene.contact()
+        sim = Simulation(scene)
+        i, j = p.bonds[0]
+        along = p.bond_vector[0] / p.bond_length[0]
+        apart = 9.0 * (p.position - p.position[0])  # every pair opens, and parts
+        sim.set_state(displacement=apart)
+        # j behind i now, moving towards it
+        apart[j] = p.position[i] + apart[i] - 1.2 * along - p.position[j]
+        v = np.zeros_like(p.position)
+        v[j] = 0.01 * along
+        turned = sim.orientation
+        turned[j] = [1.0, 0.0] if dim == 2 else [0.0, 0.6, 0.8, 0.0]
+        sim.set_state(displacement=apart, velocity=v, orientation=turned)
+        held = sim.energy()
+        yield vanishing(f"energy of contact at first, {dim}D", "apart", held["contact"], 0.0)
+        sim.run(until=60.0)
+        error = np.abs(sim.velocity[i] - v[j]).max() / 0.01
+        yield vanishing(
+            f"speed handed over, {dim}D", "elastic impact of equals", float(error), 1e-10
+        )
+        missing = sim.energy()["residual"] / held["kinetic"]
+        yield vanishing(f"energy missing, {dim}D", "conserved", missing, 1e-10)
+
+
+@case("contact")
+def dense_overlap_stays_finite() -> Iterator[Measurement]:
+    """Elements at one place, and a heap of loose ones that overlap by half: bounded, no NaN."""
+    rng = np.random.default_rng(7)
+    for dim in (2, 3):
+        scene = Scene()
+        x = rng.uniform(0.0, 6.0 if dim == 2 else 3.2, (40, dim))
+        bodies = [scene.add(ball(place, 0.5), SOFT) for place in x]
+        bodies[1].displacement[0] = x[0] - x[1]  # at one place
+        bodies[2].displacement[0] = x[0] - x[2] + 1e-6 * np.eye(dim)[0]
+        scene.contact(friction=0.5)
+        sim = Simulation(scene, dt=0.02)
+        held = sim.energy()
+        total = held["contact"] + held["kinetic"]
+        sim.run(steps=2000)
+        ledger = sim.energy()
+        finite = np.isfinite(sim.position).all() and np.isfinite(sim.velocity).all()
+        yield Measurement(
+            f"all numbers are finite, {dim}D", 1, "no NaN", float(finite), float(not finite), 0.0
+        )
+        grown = max(0.0, ledger["kinetic"] + ledger["contact"] - total) / total
+        yield vanishing(f"energy gained over that at first, {dim}D", "bounded", grown, 1e-3)
+        yield vanishing(f"energy missing, {dim}D", "conserved", ledger["residual"] / total, 1e-3)
