@@ -1,5 +1,11 @@
-import pytest
-import warp as wp
+import os
+
+# tests share the cores among them, so that linear algebra need not
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import pytest  # noqa: E402
+import warp as wp  # noqa: E402
 
 
 def pytest_collection_modifyitems(items):
