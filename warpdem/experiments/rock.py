@@ -65,7 +65,7 @@ class Rock(ABC):
     criterion: Annotated[
         Criterion, "When a bond breaks: a name and numbers, such as drucker-prager:50e6,5."
     ] = SANDSTONE
-    weibull: Annotated[float, "Weibull modulus of the strengths of bonds; inf: all alike."] = 10.0
+    weibull: Annotated[float, "Weibull modulus of the strengths of bonds; inf: all alike."] = 20.0
     crossings: Annotated[float, "Crossings of a pressure wave in the time of loading."] = 60.0
     damping: Annotated[float, "Local damping, 0 to below 1."] = 0.4
     stop: Annotated[float, "Share of the peak at which the run ends."] = 0.5

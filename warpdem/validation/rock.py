@@ -184,7 +184,7 @@ def rock_rate() -> Iterator[Measurement]:
         fast = rock_test(p).strength
         slow = rock_test(replace(p, crossings=2.0 * p.crossings)).strength
         error = abs(fast / slow - 1.0)
-        yield Measurement(f"strength [Pa], {p.name}", slow, "at half the rate", fast, error, 0.03)
+        yield Measurement(f"strength [Pa], {p.name}", slow, "at half the rate", fast, error, 0.02)
 
 
 @case("fracture", slow=True)
