@@ -39,6 +39,7 @@ SOLID = Material(YOUNG, NU, 1.0)
 PLANE_STRAIN = 2.0 / sqrt(3.0)  # limit in uniaxial plane strain over the yield stress
 
 
+@cache
 def _cell(plane: str | None, size: float, seed: int = 1) -> Packing:
     dim = 3 if plane is None else 2
     return packing.voronoi((size,) * dim, 1.0, plane, periodic=True, seed=seed)
@@ -131,7 +132,7 @@ def _follow(p: Packing, law: Law, path: Array) -> float:
     worst = 0.0
     for strain in path[1:]:
         sim._step.upload("displacement", p.position @ strain)  # the box follows by itself
-        sim.run(steps=1)
+        sim._step.advance()
         error = np.abs(sim.stress - point.strain_to(strain, dt)).max()
         worst = max(worst, float(error) / SY)
     return worst
@@ -258,7 +259,7 @@ def pulled_blocks() -> Iterator[Measurement]:
             yield Measurement(f"axial stress, {where}", exact, "sigma_y", float(found), error, 5e-3)
         yield vanishing(f"ledger over work, {where}", "conservation", block.ledger, 1e-6)
         if stiffness is None and hardening == 0.0:
-            elastic = Pulled(p, None, stiffness).unloading()
+            elastic = Pulled(p, VonMises(1e6 * SY)).unloading()
             found = block.unloading()
             error = abs(found / elastic - 1.0)
             what = f"slope of unloading, {where}"
@@ -591,8 +592,6 @@ def single_precision() -> Iterator[Measurement]:
     """The pulled blocks in float32 and mixed precision: their plateau and ledger."""
     for p, precision in (
         (_hexagonal("strain"), "float32"),
-        (_hexagonal("strain"), "mixed"),
-        (_hexagonal("stress"), "float32"),
         (packing.fcc((4.0, 4.0, 6.0), 1.0), "mixed"),
     ):
         block = Pulled(p, VonMises(SY), None, precision)
