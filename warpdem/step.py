@@ -56,6 +56,7 @@ from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
 from .neighbours import Neighbours
 
+HOLDS = 1e20  # a friction that lets nothing slide
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
@@ -72,6 +73,7 @@ OPTIONAL = frozenset(
         *("hardening_strain", "hardening_stress", "plastic_strain"),
         *("bond_keep", "break_damage", "softening_end"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
+        *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
         *("contact_spring", "contact_opened", "slip_energy", "restitution_energy"),
         *("wall_normal", "wall_velocity", "wall_friction", "wall_distance", "wall_shift"),
         *("wall_debt", "wall_impulse", "wall_opened", "wall_spring", "wall_reaction", "wall_work"),
@@ -84,6 +86,7 @@ SUMS = frozenset(
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
+        "closing_slip_energy",
     }
 )
 # arithmetic of forces, arithmetic of places
@@ -339,7 +342,7 @@ class Step:
             "pair": self._sum("linked_energy"),
             "volume": volume + locked,
             "contact": contact,
-            "friction": self._taken("slip_energy"),
+            "friction": self._taken("slip_energy", "closing_slip_energy"),
             "damping": self._taken("damped_energy", "dashpot_work", "restitution_energy"),
             "plastic": dissipated - locked if self.model.yielding else 0.0,
             "viscous": 0.0 if self.model.yielding else dissipated,
@@ -748,10 +751,14 @@ class Step:
             law = evm_forces(s, k, f.faces, f.has_volume, f.large_rotation, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
+        friction = 0.0 if m.contact is None else m.contact.friction
+        if self._slack > 0.0:  # faces that friction holds are the stiffest
+            friction = HOLDS
         return passes + self._over_listed(
-            facet_closing(s, k, f.faces, self._simd),
+            facet_closing(s, k, f.faces, m.faces_rub, self._simd),
             evm_closing(s, k, f.faces.has_slip, self._simd),
             slack=self._slack,
+            friction=friction,
         )
 
     def _over_listed(
@@ -782,7 +789,7 @@ class Step:
         if m.listed_bonds is not None and "closing_energy" not in self.arrays:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
-            facet_closing_energies(s, k, m.features.faces, self._simd),
+            facet_closing_energies(s, k, m.features.faces, m.faces_rub, self._simd),
             evm_closing_energies(s, k, m.features.faces.has_slip, self._simd),
         )
 
