@@ -33,7 +33,7 @@ PLACES = frozenset(
     {
         *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes", "bond_slip"),
         "evm_tilt",
-        *("contact_radius", "wall_distance", "wall_shift"),
+        *("contact_radius", "wall_distance", "wall_shift", "closing_slip"),
         *("box_shift", "box_strain"),
         *("evm_direction", "evm_length", "evm_offset"),
     }
@@ -162,6 +162,7 @@ class Model:
     principal_moment: Array | None = None  # (n, 3)
     principal_axes: Array | None = None  # (n, 4) rotations from the principal axes to the world's
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
+    closing_shear: Array | None = None  # of the listed facet bonds: 2 G S/r0, where faces rub
     closing_stiffness: Array | None = None  # of the listed bonds: k_c = (lambda + 2 G) S / r0 or B1
     listed_elements: Ids | None = None  # elements of the listed bonds
     bond_strength: Array | None = None  # of the listed bonds
@@ -207,6 +208,11 @@ class Model:
         return self.contact is not None and (
             self.contact.friction > 0.0 or any(wall.friction > 0.0 for wall in self.walls)
         )
+
+    @property
+    def faces_rub(self) -> bool:
+        """Whether closed faces of unlinked pairs have friction."""
+        return self.contact is not None and self.contact.friction > 0.0 and self.facet_listed > 0
 
     @property
     def softens(self) -> bool:
@@ -311,6 +317,10 @@ def state_arrays(
         state["closing_impulse"] = np.zeros((f.slots * n, f.dim))
         state["closing_twist"] = np.zeros((f.slots * n, spins))
         state["any_crossed"] = np.zeros(1, dtype=np.int32)
+        if model.faces_rub:
+            for name in ("closing_slip", "closing_spring"):
+                state[name] = np.zeros((model.facet_listed, f.dim))
+            state["closing_slip_energy"] = np.zeros(model.facet_listed)
     if model.contact is not None:
         rows = len(model.contact_elements) if model.contact_elements is not None else 0
         state["any_touched"] = np.zeros(1, dtype=np.int32)
@@ -1272,6 +1282,9 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         setattr(model, "contact_" + name, radius / stiff)
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_position = model.position - 0.5 * (low + high)
+    if model.faces_rub:
+        assert model.facet_stiffness is not None and model.listed_bonds is not None
+        model.closing_shear = model.facet_stiffness[model.listed_bonds[: model.facet_listed]]
     model.bonded_start, model.bonded, which = bonded_rows(model.own_pairs, elements, own)
     if model.listed_bonds is not None:
         place = np.full(model.bonds, -1, dtype=np.int32)

@@ -465,7 +465,8 @@ class Scene:
         along the normal after two elements have touched over that before, 0 to 1 (elastic).
         skin: of the list of neighbours over the median radius; a matter of speed alone.
 
-        Pairs that a bond joins or joined are left out: a broken bond closes on its own face.
+        Pairs that a bond joined close and rub on their own face until they have parted; there EVM
+        bonds do not rub.
         """
         mu = float(finite("friction", friction, ()))
         e = float(finite("restitution", restitution, ()))

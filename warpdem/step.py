@@ -66,6 +66,7 @@ from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .model import PLACES, Model
 from .neighbours import Neighbours
 
+HOLDS = 1e20  # a friction that lets nothing slide
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
@@ -83,6 +84,7 @@ OPTIONAL = frozenset(
         *("bond_keep", "break_damage", "softening_end"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
+        *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
         *("contact_spring", "contact_opened", "slip_energy", "restitution_energy"),
         *("wall_normal", "wall_velocity", "wall_friction", "wall_distance", "wall_shift"),
         *("wall_debt", "wall_impulse", "wall_opened", "wall_spring", "wall_reaction", "wall_work"),
@@ -96,6 +98,7 @@ SUMS = frozenset(
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
         *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
+        "closing_slip_energy",
     }
 )
 # arithmetic of forces, arithmetic of places
@@ -353,7 +356,7 @@ class Step:
             "pair": self._sum("linked_energy"),
             "volume": volume + locked,
             "contact": contact,
-            "friction": self._taken("slip_energy"),
+            "friction": self._taken("slip_energy", "closing_slip_energy"),
             "damping": self._taken("damped_energy", "dashpot_work", "restitution_energy"),
             "plastic": dissipated - locked if self.model.yielding else 0.0,
             "viscous": 0.0 if self.model.yielding else dissipated,
@@ -791,12 +794,16 @@ class Step:
         return passes + self._closing()
 
     def _closing(self) -> list[wp.Launch]:
-        """Unlinked pairs resist closing."""
-        (s, k), f = self._space, self.model.features
+        """Unlinked pairs resist closing, and rub where the scene has friction."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        friction = 0.0 if m.contact is None else m.contact.friction
+        if self._slack > 0.0:  # faces that friction holds are the stiffest
+            friction = HOLDS
         return self._over_listed(
-            facet_closing(s, k, f.faces, self._simd),
+            facet_closing(s, k, f.faces, m.faces_rub, self._simd),
             evm_closing(s, k, f.faces.has_slip, self._simd),
             slack=self._slack,
+            friction=friction,
         )
 
     def _over_listed(
@@ -827,7 +834,7 @@ class Step:
         if m.listed_bonds is not None and "closing_energy" not in self.arrays:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
-            facet_closing_energies(s, k, m.features.faces, self._simd),
+            facet_closing_energies(s, k, m.features.faces, m.faces_rub, self._simd),
             evm_closing_energies(s, k, m.features.faces.has_slip, self._simd),
         )
 

@@ -8,8 +8,8 @@ from functools import cache
 
 import warp as wp
 
-from .algebra import Laws
-from .closing import closing
+from .algebra import Laws, narrow
+from .closing import UNKNOWN, closing
 from .face import Faces, face
 from .memory import kernel, nn
 from .volume import volume
@@ -62,7 +62,15 @@ def facet(s: Laws) -> Laws:
         tj = -s.cross(cj, f) - pull * s.cross(m, slip)
         return f, ti, tj
 
+    @wp.func
+    def rub(trial: vec, n: vec, limit: real) -> vec:
+        """Spring along the face that friction holds, no longer than `limit` [m]."""
+        along = trial - wp.dot(trial, n) * n
+        size = wp.length(along)
+        return wp.where(size > limit, (limit / wp.max(size, real(1.0e-30))) * along, along)
+
     return Laws(
+        rub=rub,
         energy=energy,
         bending_energy=bending_energy,
         bending_torque=bending_torque,
@@ -148,9 +156,14 @@ def facet_forces(
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, faces: Faces, simd: bool = True):
-    """Pass over listed facet bonds: unlinked ones resist closing (theory B11)."""
+def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True):
+    """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
+
+    rubs: closed ones also resist sliding, by a spring along the face that friction holds; how far
+    its anchor has slipped is kept in the frame of the first element.
+    """
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
+    widened, narrowed = narrow(k, s), narrow(s, k)
 
     def facet_closing(
         # model
@@ -172,7 +185,12 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, simd: bool = True):
         closing_gap: wp.array(dtype=real),
         closing_debt: wp.array(dtype=real),
         any_crossed: wp.array(dtype=int),
+        closing_shear: wp.array(dtype=real),
+        closing_slip: wp.array(dtype=k.real),
+        closing_spring: wp.array(dtype=real),
+        closing_slip_energy: wp.array(dtype=wp.float64),
         slack: real,
+        friction: real,
     ):
         t = wp.tid()
         b = nn(listed[t])
@@ -184,6 +202,29 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, simd: bool = True):
             gap = law.gap(delta, p, m)
             pull = contact.pull(closing_stiffness[t], gap, slack)
             f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
+            if wp.static(rubs):
+                qi = k.load_rot(orientation, nn(bond_i[b]))
+                slip = k.load(closing_slip, t)
+                n = wp.normalize(p + m)
+                shear = closing_shear[t]
+                before = s.load(closing_spring, t)
+                trial = delta - narrowed(slip + k.turn(qi, slip))
+                limit = friction * wp.abs(pull) / shear
+                if closing_gap[t] >= real(UNKNOWN):  # unlinked just now: nothing holds it yet
+                    limit = real(0.0)
+                spring = law.rub(trial, n, limit)
+                whole = law.rub(trial, n, real(1.0e30))
+                taken = real(0.5) * shear * wp.dot(before + spring, whole - spring)
+                if closing_gap[t] >= real(UNKNOWN):
+                    taken = real(0.0)
+                closing_slip_energy[t] = closing_slip_energy[t] + wp.float64(taken)
+                anchor = widened(delta - spring)
+                k.store(closing_slip, t, anchor + k.turn_back(qi, anchor))
+                s.store(closing_spring, t, spring)
+                hold = shear * spring
+                f += hold
+                ti += s.cross(ci + real(0.5) * delta, hold)
+                tj -= s.cross(cj - real(0.5) * delta, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap
@@ -292,7 +333,7 @@ def facet_energies(
 
 
 @cache
-def facet_closing_energies(s: Laws, k: Laws, faces: Faces, simd: bool = True):
+def facet_closing_energies(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True):
     """Per listed facet bond: the energy it holds, or would hold, unlinked [J]."""
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
 
@@ -304,8 +345,10 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, simd: bool = True):
         bond_arm: wp.array(dtype=k.real),
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
+        closing_shear: wp.array(dtype=real),
         # state read
         bond_slip: wp.array(dtype=k.real),
+        closing_spring: wp.array(dtype=real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
         # written
@@ -317,7 +360,10 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, simd: bool = True):
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-        closing_energy[t] = contact.energy(closing_stiffness[t], law.gap(delta, p, m))
+        energy = contact.energy(closing_stiffness[t], law.gap(delta, p, m))
+        if wp.static(rubs):
+            energy += law.energy(closing_shear[t], s.load(closing_spring, t))
+        closing_energy[t] = energy
 
     return kernel(facet_closing_energies, simd)
 

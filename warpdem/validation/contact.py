@@ -416,3 +416,54 @@ def dense_overlap_stays_finite() -> Iterator[Measurement]:
         grown = max(0.0, ledger["kinetic"] + ledger["contact"] - total) / total
         yield vanishing(f"energy gained over that at first, {dim}D", "bounded", grown, 1e-3)
         yield vanishing(f"energy missing, {dim}D", "conserved", ledger["residual"] / total, 1e-3)
+
+
+@case("contact")
+def broken_faces_rub() -> Iterator[Measurement]:
+    """A block of two halves that a cut parts, pressed together, the upper slides on the lower: the
+    force along the cut is mu times that across, slip takes what it should, angular momentum."""
+    p = packing.square((8.0, 4.0), 1.0, "strain")
+    low, high = p.position.min(axis=0), p.position.max(axis=0)
+    middle = 0.5 * (low[1] + high[1])
+    scene = Scene()
+    body = scene.add(p, SOFT, facet_bending=True)
+    cut = scene.cut(body, [low[0] - 1.0, middle], [high[0] + 1.0, middle])
+    scene.contact(friction=MU)
+    pressed, speed = 1e-3, 1e-3
+    upper = p.position[:, 1] > middle
+    body.displacement[upper, 1] = -pressed
+    scene.hold(body, ~upper)
+    scene.hold(body, upper, velocity=[speed, 0.0])
+    sim = Simulation(scene, dt=0.01)
+    first = sim.model.bond_place[::2][sim.model.own_bonds]
+    across = np.abs(sim.bond_force[cut][:, 1]).sum()
+    shear = 1.0 / (1.0 + SOFT.poisson) * len(cut)  # 2 G S/r0, E = 1
+    early = 0.25 * MU * across / shear / speed
+    sim.run(until=early)
+    along = np.abs(sim.bond_force[cut][:, 0]).sum()
+    stuck = shear * speed * sim.time
+    error = abs(along / stuck - 1.0)
+    yield Measurement(
+        "force while friction holds", stuck, "2 G S/r0 times the way", along, error, 1e-6
+    )
+    sim.run(until=20.0)
+    along = np.abs(sim.bond_force[cut][:, 0]).sum()
+    error = abs(along / (MU * across) - 1.0)
+    yield Measurement("force along over across", MU, "mu", along / across, error * MU, 1e-6)
+    slid = speed * sim.time - MU * across / shear
+    ledger = sim.energy()
+    wanted = MU * across * slid
+    error = abs(ledger["friction"] / wanted - 1.0)
+    yield Measurement(
+        "taken by slip", wanted, "mu N times the way", ledger["friction"], error, 1e-6
+    )
+    missing = ledger["residual"] / ledger["work"]
+    yield vanishing("energy missing", "conserved", missing, 1e-6)
+    force, torque = sim._step.download("end_force"), sim._step.download("end_torque")
+    second = sim.model.bond_place[1::2][sim.model.own_bonds]
+    x, (i, j) = sim.position, p.bonds[cut].T
+    moment = (
+        torque[first[cut], 0] + torque[second[cut], 0] - np.cross(x[j] - x[i], force[first[cut]])
+    )
+    worst = np.abs(moment).max() / np.abs(torque).max()
+    yield vanishing("angular momentum of faces that rub", "M_ij + M_ji = r x F", worst, 1e-12)
