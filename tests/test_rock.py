@@ -27,7 +27,6 @@ from warpdem.experiments import (
 )
 from warpdem.experiments.material_point import principal_strain, side_factors
 from warpdem.experiments.shared import read_criterion, write_criterion
-from warpdem.experiments.specimen import press
 
 SMALL = {"width": 12e-3, "height": 20e-3}
 ROCK = wd.Material(20e9, 0.2, 2300.0)
@@ -173,7 +172,8 @@ def test_a_pressure_balances_the_stress_it_stands_for(dim):
     sides = [n for n in p.sides if n not in {2: ("bottom", "top"), 3: ("back", "front")}[dim]]
     lateral = np.any([p.sides[n] for n in sides], axis=0)
     ends = np.any([p.sides[n] for n in p.sides if n not in sides], axis=0)
-    press(scene, body, lateral, 20e9 * 1e-6, axis)
+    across = "xyz"[:dim].replace("xyz"[axis], "")
+    scene.press(body, lateral, 20e9 * 1e-6, axes=across)
     sim = wd.Simulation(scene)
     inner = lateral & ~ends
     size = np.abs(sim.bond_force).max()

@@ -410,12 +410,15 @@ class Scene:
         body: Body,
         where: ArrayLike,
         pressure: float,
+        axes: str | None = None,
         history: History | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
         """Press on all free surface of the chosen elements with a pressure [Pa], inwards if > 0.
 
-        Each element is pressed along its own exposed area as it is in the reference state: a dead
-        load, as of `pull`, on a surface of any shape. history: as of `hold`; by default constant.
+        Each element is pressed along its own exposed area as it is in the reference state, at the
+        middle of its free faces: a dead load, as of `pull`, on a surface of any shape. axes: which
+        of "xyz" the pressure has components along (default: all); history: as of `hold`; by default
+        constant.
         """
         ids = self._selected(body, where)
         p = float(finite("pressure", pressure, ()))
@@ -423,7 +426,13 @@ class Scene:
         bare = np.linalg.norm(area[ids], axis=1) > 1e-9 * np.linalg.norm(area, axis=1).max()
         if not bare.any():
             raise InputError("the chosen elements have no free surface to press on.")
-        self._add_load(body, ids[bare], -p * area[ids[bare]], None, history)
+        names = "xyz"[: body.packing.dim]
+        if axes is not None and (not axes or set(axes) - set(names)):
+            raise InputError(f"axes is {axes!r}; choose from {names!r}.")
+        acts = np.array([axes is None or name in axes for name in names])
+        ids = ids[bare]
+        torque = -p * body.packing.exposed_moment[ids]
+        self._add_load(body, ids, -p * area[ids] * acts, torque, history)
 
     def absorb(self, body: Body, where: ArrayLike) -> None:
         """Let waves leave through the free surface of these elements, as if the solid went on.

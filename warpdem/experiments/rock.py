@@ -262,7 +262,8 @@ def rock_test(
     say("finding the strength of the criterion in homogeneous stress")
     rig = p.rig(packing)
     guard(rig.body, rig.low | rig.high, rig.guarded)
-    scatter(rig.body, p.weibull, p.seed)
+    if isfinite(p.weibull):
+        rig.scene.scatter_strength(rig.body, p.weibull, p.seed)
     sim = build(rig.scene, device, precision, say, rig.size, local_damping=p.damping)
     history = rig.history
     sim.observe(history)
@@ -324,13 +325,6 @@ def guard(body: Body, grips: Mask, layers: int) -> None:
     for _ in range(layers):
         near[bonds[near[bonds].any(axis=1)]] = True
     body.strength_factor[near[bonds].any(axis=1)] = inf
-
-
-def scatter(body: Body, modulus: float, seed: int) -> None:
-    """Multiply the strengths of bonds by random factors of Weibull's distribution, scale 1."""
-    if isfinite(modulus):
-        factor = np.random.default_rng(seed).weibull(modulus, len(body.packing.bonds))
-        body.strength_factor *= np.maximum(factor, 1e-6)
 
 
 def check_breaks(strength: float, p: Rock) -> float:

@@ -135,8 +135,9 @@ class Specimen(Rock):
     ) -> None:
         p = body.packing
         if self.jacket == "pressure":
-            press(scene, body, np.any([p.side(name) for name in sides], axis=0), self.pressure,
-                  self.axis)  # fmt: skip
+            where = np.any([p.side(name) for name in sides], axis=0)
+            across = "xyz"[: p.dim].replace("xyz"[self.axis], "")
+            scene.press(body, where, self.pressure, axes=across)
             return
         for name in sides:
             axis = {"left": 0, "right": 0, "bottom": 1, "top": 1}[name]
@@ -209,28 +210,6 @@ def confined(parameters: Confined | None = None, **options: Unpack[Options]) -> 
     options: device, precision, out, observers, say, frames, as of `rock.rock_test`.
     """
     return rock_test(parameters or Confined(), **options)
-
-
-def press(scene: Scene, body: Body, where: Mask, pressure: float, axis: int) -> None:
-    """Press on the free faces of elements, but along the axis, with the torque of a pressure.
-
-    A pressure at the middle of a free face, not at the centre of the cell, so that uniform stress
-    is balanced: the cell being closed, the sum of S c x n over its free faces is minus that over
-    the others (theory B1).
-    """
-    p = body.packing
-    assert p.area is not None and p.arms is not None
-    force = -pressure * p.exposed_area
-    force[:, axis] = 0.0
-    lift = ((0, 0), (0, 3 - p.dim))
-    normal = np.pad(p.bond_vector / p.bond_length[:, None], lift)
-    turning = np.zeros((len(p), 3))
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        arm = np.pad(p.arms[:, side], lift)
-        np.add.at(turning, p.bonds[:, side], sign * p.area[:, None] * np.cross(arm, normal))
-    torque = pressure * (turning[:, 2:] if p.dim == 2 else turning)
-    for i in np.flatnonzero(where):
-        scene.load(body, [i], force=force[i], torque=torque[i])
 
 
 def _ends(p: Packing) -> tuple[str, str, list[str]]:

@@ -314,6 +314,20 @@ class Packing:
         return total
 
     @cached_property
+    def exposed_moment(self) -> Array:
+        """Sum of S c x n over each element's free surface [m^3], (n, 1) in the plane or (n, 3): the
+        torque of a unit tension there. The cell being closed, minus that over its other faces."""
+        if self.area is None or self.arms is None:
+            raise InputError("this packing has no faces; give area and arms of its bonds.")
+        lift = ((0, 0), (0, 3 - self.dim))
+        normal = np.pad(self.bond_vector / self.bond_length[:, None], lift)
+        total = np.zeros((len(self), 3))
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            arm = np.pad(self.arms[:, side], lift)
+            np.add.at(total, self.bonds[:, side], sign * self.area[:, None] * np.cross(arm, normal))
+        return total[:, 2:] if self.dim == 2 else total
+
+    @cached_property
     def flatness(self) -> float:
         """Mean cosine between a plane's normal and the bonds through it, weighted with the area
         that their faces have along the plane; of the plane of flattest faces.
