@@ -319,6 +319,7 @@ def state_arrays(
             state["closing_slip_energy"] = np.zeros(model.facet_listed)
     if model.contact is not None:
         rows = len(model.contact_elements) if model.contact_elements is not None else 0
+        state["contact_moment"] = np.zeros((n, 4 if f.dim == 2 else 6))
         state["any_touched"] = np.zeros(1, dtype=np.int32)
         state["settling_impulse"] = np.zeros((n, f.dim))
         state["settling_twist"] = np.zeros((n, spins))

@@ -74,7 +74,13 @@ OPTIONAL = frozenset(
         *("bond_keep", "break_damage", "softening_end"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
-        *("contact_spring", "contact_opened", "slip_energy", "restitution_energy"),
+        *(
+            "contact_moment",
+            "contact_spring",
+            "contact_opened",
+            "slip_energy",
+            "restitution_energy",
+        ),
         *("wall_normal", "wall_velocity", "wall_friction", "wall_distance", "wall_shift"),
         *("wall_debt", "wall_impulse", "wall_opened", "wall_spring", "wall_reaction", "wall_work"),
     }
@@ -828,7 +834,10 @@ class Step:
 
     def _stress(self, listed: str) -> wp.Launch:
         (s, k), m, f = self._space, self.model, self.model.features
-        law = element_stress(s, k, f.faces, f.slots, f.has_volume, f.plane_strain, self._simd)
+        touches = m.contact is not None
+        law = element_stress(
+            s, k, f.faces, f.slots, f.has_volume, f.plane_strain, touches, self._simd
+        )
         ids = self.arrays[listed]
         return self._bind(law, ids.size, listed=ids, elements=m.elements)
 
