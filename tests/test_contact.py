@@ -207,3 +207,19 @@ def test_single_precision_holds(precision):
     assert abs(sim.energy_error) < 1e-3
     p = sim.model.mass @ sim.velocity
     assert p[0] == pytest.approx(-0.01 * sim.model.mass[len(HEX) :].sum(), rel=1e-5)
+
+
+def test_stress_of_elements_counts_what_presses_them():
+    p = wd.packing.square((4.0, 5.0), 1.0, "strain")
+    scene = wd.Scene()
+    scene.add(p, wd.Material(1.0, 0.0, 1.0), facet_bending=True)
+    scene.contact()
+    low, high = p.position[:, 1].min() - 0.5, p.position[:, 1].max() + 0.5
+    floor = scene.wall([0.0, low + 1e-3], [0.0, 1.0])
+    scene.wall([0.0, high - 1e-3], [0.0, -1.0])
+    sim = wd.Simulation(scene)
+    sim.relax(tolerance=1e-9)
+    pressed = sim.wall_force(floor)[1] / 4.0
+    assert pressed < 0.0
+    # the same in all rows, up to how far the pressed radius is shorter
+    assert sim.stress[:, 1, 1] == pytest.approx(np.full(len(p), pressed), rel=2e-3)

@@ -323,6 +323,7 @@ def state_arrays(
             state["closing_slip_energy"] = np.zeros(model.facet_listed)
     if model.contact is not None:
         rows = len(model.contact_elements) if model.contact_elements is not None else 0
+        state["contact_moment"] = np.zeros((n, 4 if f.dim == 2 else 6))
         state["any_touched"] = np.zeros(1, dtype=np.int32)
         state["settling_impulse"] = np.zeros((n, f.dim))
         state["settling_twist"] = np.zeros((n, spins))
@@ -1262,6 +1263,11 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     bodies, own = scene.bodies, model.own_elements
     if any(b.packing.period is not None for b in bodies):
         raise InputError("contact is not for periodic bodies; their sides have no surface.")
+    if model.features.finite_strain:
+        raise InputError(
+            "contact is not for bodies at finite strain, whose stress does not count it; leave "
+            "finite_strain or contact out, or hold the face that would touch."
+        )
     may_touch = np.concatenate([has_free_surface(b.packing) for b in bodies])
     may_touch |= len(bodies) > 1
     starts = dict(

@@ -85,7 +85,8 @@ OPTIONAL = frozenset(
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
-        *("contact_spring", "contact_opened", "slip_energy", "restitution_energy"),
+        *("contact_moment", "contact_spring", "contact_opened", "slip_energy"),
+        "restitution_energy",
         *("wall_normal", "wall_velocity", "wall_friction", "wall_distance", "wall_shift"),
         *("wall_debt", "wall_impulse", "wall_opened", "wall_spring", "wall_reaction", "wall_work"),
     }
@@ -876,7 +877,10 @@ class Step:
         if f.finite_strain:
             law = true_stress(s, k, f.faces, f.slots, f.plane, self._simd)
         else:
-            law = element_stress(s, k, f.faces, f.slots, f.has_volume, f.plane_strain, self._simd)
+            touches = m.contact is not None
+            law = element_stress(
+                s, k, f.faces, f.slots, f.has_volume, f.plane_strain, touches, self._simd
+            )
         ids = self.arrays[listed]
         return self._bind(law, ids.size, listed=ids, elements=m.elements)
 

@@ -189,6 +189,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
         wall_reaction: wp.array(dtype=real),
         wall_work: wp.array(dtype=wp.float64),
         any_touched: wp.array(dtype=int),
+        contact_moment: wp.array(dtype=real),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         friction: real,
@@ -201,6 +202,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
         i = contact_elements[t]
         force = s.vec()
         torque = s.no_spin()
+        moment = s.mat3()
         vi = s.load(velocity, i)
         wi = s.load_spin(angular_velocity, i)
         for e in range(contact_start[t], contact_start[t + 1]):
@@ -235,11 +237,14 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                     any_touched[0] = 1
                     if wp.static(has_restitution) and gap >= real(0.0):
                         contact_opened[e] = 1
+                # the points that touch lie where the spheres' surfaces would, by their radii
+                share = real(contact_radius[a] / reach)
+                arm_a = share * real(r)
+                arm_b = (real(1.0) - share) * real(r)
+                arm = arm_b
+                if i == a:
+                    arm = arm_a
                 if wp.static(has_friction):
-                    # the points that touch lie where the spheres' surfaces would, by their radii
-                    share = real(contact_radius[a] / reach)
-                    arm_a = share * real(r)
-                    arm_b = (real(1.0) - share) * real(r)
                     shear = geometry.load_stiffness(
                         a, b, contact_radius, contact_width, contact_shear
                     )
@@ -252,10 +257,8 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                     s.store(contact_spring, e, spring)
                     f += shear * spring
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(taken)
-                    arm = arm_b
-                    if i == a:
-                        arm = arm_a
                     torque += arm * s.cross(n, shear * spring)
+                moment += arm * wp.outer(s.embed(n), s.embed(f))
                 if i == a:
                     force += f
                 else:
@@ -303,9 +306,11 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                         slip_energy[t] = slip_energy[t] + wp.float64(taken)
                         torque += (radius + gap) * s.cross(n, shear * spring)
                     force += f
+                    moment -= (radius + gap) * wp.outer(s.embed(n), s.embed(f))
                     done = real(0.5) * real(dt) * wp.dot(f + f_before, vw)
                     wall_work[t] = wall_work[t] + wp.float64(done)
                 s.store(wall_reaction, e, -f)
+        s.store_tensor(contact_moment, i, real(0.5) * (moment + wp.transpose(moment)))
         s.store(end_force, first_place + i, force)
         s.store_spin(end_torque, first_place + i, torque)
 

@@ -45,11 +45,13 @@ def element_stress(
     slots: int,
     has_volume: bool,
     plane_strain: bool,
+    touches: bool,
     simd: bool = True,
 ):
     """Pass over listed elements: their average stress [Pa], tension positive.
 
-    Plane strain adds sigma_zz = D m - 2 G eps_zz, plastic; in plane stress it is zero.
+    touches: forces of contacts count as those of bonds. Plane strain adds sigma_zz = D m - 2 G
+    eps_zz, plastic; in plane stress it is zero.
     """
     real, average = s.real, average_stress(s, k, faces, slots)
 
@@ -65,12 +67,15 @@ def element_stress(
         end_force: wp.array(dtype=real),
         volume_stress: wp.array(dtype=real),
         plastic_strain_zz: wp.array(dtype=real),
+        contact_moment: wp.array(dtype=real),
         # written
         stress: wp.array(dtype=real),
         elements: int,
     ):
         i = listed[wp.tid()]
         t = average(i, incidence, bond_arm, element_volume, orientation, end_force, elements)
+        if wp.static(touches):
+            t += s.load_tensor(contact_moment, i) / element_volume[i]
         if wp.static(plane_strain and has_volume):
             t[2, 2] = volume_stress[i]
             if wp.static(faces.has_slip):
