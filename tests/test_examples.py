@@ -94,6 +94,19 @@ def test_contact_script(tmp_path, monkeypatch, capsys):
     assert abs(error) < 1e-4
 
 
+def test_rock_script(tmp_path, monkeypatch, capsys):
+    text = (ROOT / "docs" / "rock_tests.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "rock_tests.md", "exec"), {})
+    said = capsys.readouterr().out.splitlines()
+    assert float(said[0].split()[0]) == pytest.approx(5.0, rel=0.15)
+    found = dict(re.findall(r"'(\w+)': ([\d.]+)", said[-1]))
+    assert float(found["tension"]) == pytest.approx(6e6, rel=0.05)
+    assert float(found["compression"]) == pytest.approx(40e6, rel=0.05)
+    assert (tmp_path / "out" / "compression" / "test.png").stat().st_size > 1000
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name
 )

@@ -168,6 +168,7 @@ def rock_packings() -> Iterator[Measurement]:
         "Voronoi, plane stress, ratio 10, one strength": Specimen(
             criterion=DruckerPrager(100e6, 10.0), weibull=inf, **PLATE
         ),
+        "Voronoi, plane stress, ratio 10": Specimen(criterion=DruckerPrager(100e6, 10.0), **PLATE),
         "Voronoi, plane stress, seed 1": Specimen(seed=1, **PLATE),
         "Voronoi, plane stress, seed 2": Specimen(seed=2, **PLATE),
         "Voronoi, box in space": Specimen(**SMALL),
