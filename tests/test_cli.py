@@ -98,7 +98,9 @@ def test_info_names_versions_and_devices():
 
 
 def test_validate_prints_json(tmp_path):
-    done = warpdem("validate", "core", "--no-slow", "--json", "--write", str(tmp_path / "v.md"))
+    done = warpdem(
+        "validate", "patch-test", "--no-slow", "--json", "--write", str(tmp_path / "v.md")
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     keys = {"case", "quantity", "reference", "source", "measured", "error", "limit", "seconds"}
@@ -126,4 +128,4 @@ def test_a_missed_limit_is_exit_status_1(monkeypatch, capsys):
 def test_validate_knows_its_groups():
     done = warpdem("validate", "wishes")
     assert done.returncode == 2
-    assert "group is 'wishes'" in done.stderr
+    assert "no group or case 'wishes'" in done.stderr

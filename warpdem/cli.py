@@ -222,7 +222,9 @@ for _parameters, _function in (
 
 @app.command()
 def validate(
-    group: Annotated[str | None, typer.Argument(help="Group of cases; all by default.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="A group of cases, or one case; all by default.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a list of objects.")] = False,
     slow: Annotated[bool, typer.Option(help="Run the cases that take minutes as well.")] = True,
     write: Annotated[
@@ -233,7 +235,7 @@ def validate(
     from .validation import Check, as_markdown, cases
 
     checks: list[Check] = []
-    for case in cases(group):
+    for case in cases(name):
         if case.slow and not slow:
             continue
         found = case.run()

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from ..errors import ModelWarning, one_of
+from ..errors import InputError, ModelWarning
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,16 @@ def case(group: str, slow: bool = False) -> Callable[[Callable], Callable]:
     return register
 
 
-def cases(group: str | None = None) -> list[Case]:
-    """All cases, or those of one group."""
-    if group is not None:
-        one_of("group", group, sorted({c.group for c in CASES.values()}))
-    return [c for c in CASES.values() if group in (None, c.group)]
+def cases(name: str | None = None) -> list[Case]:
+    """All cases, those of a group, or one by its own name."""
+    found = [c for c in CASES.values() if name in (None, c.group, c.name)]
+    if not found:
+        groups = ", ".join(sorted({c.group for c in CASES.values()}))
+        raise InputError(
+            f"there is no group or case {name!r}; groups are {groups}, cases are named in "
+            "docs/validation.md."
+        )
+    return found
 
 
 def as_markdown(checks: list[Check]) -> str:

@@ -112,7 +112,7 @@ def _griffith(half_length: float) -> tuple[float, float]:
 @case("fracture")
 def energy_release_rate() -> Iterator[Measurement]:
     """A crack in an infinite plate: energy that its growth by a spacing releases, over K^2/E'."""
-    for half_length in (8.0, 16.0, 20.0):
+    for half_length in (8.0, 16.0):
         found = _griffith(half_length)[0]
         what = f"G E'/K^2, half-length {half_length:g} spacings"
         yield Measurement(what, 1.0, "Irwin 1957", found, abs(found - 1.0), 0.03)
@@ -120,8 +120,8 @@ def energy_release_rate() -> Iterator[Measurement]:
 
 @case("fracture")
 def griffith() -> Iterator[Measurement]:
-    """Fracture stress times the root of the crack's half-length, over 8 to 20 spacings."""
-    yield from _constant((8.0, 12.0, 16.0, 20.0))
+    """Fracture stress times the root of the crack's half-length, over 8 to 16 spacings."""
+    yield from _constant((8.0, 16.0))
 
 
 @case("fracture", slow=True)
@@ -165,7 +165,7 @@ def tip_table() -> Iterator[Measurement]:
         ("II", "shear stress of the pair", 0.440),
         ("II", "intensity of the pair", 1.00),
     ):
-        (patch, _) = patches("hexagonal", "strain", 30.0, 2)
+        (patch, _) = patches("hexagonal", "strain", 24.0, 2)
         (tensor,) = tip_tensors(patch, mode, nu)
         found = {
             "normal stress of the pair": tensor[0, 0],
