@@ -165,7 +165,7 @@ def tip_table() -> Iterator[Measurement]:
         ("II", "shear stress of the pair", 0.440),
         ("II", "intensity of the pair", 1.00),
     ):
-        (patch, _) = patches("hexagonal", "strain", 24.0, 2)
+        (patch, _) = patches("hexagonal", "strain", 30.0, 2)
         (tensor,) = tip_tensors(patch, mode, nu)
         found = {
             "normal stress of the pair": tensor[0, 0],
