@@ -4,7 +4,7 @@ Runs the same scenes on this version and on another checkout of the project, in 
 process of its own, and writes benchmarks/cost_of_laws.json: kernels in a step, bytes on the device,
 median time of a step. The table is printed.
 
-    git worktree add /tmp/before v0.1.0 && python benchmarks/cost_of_laws.py --against /tmp/before
+    git worktree add ../before 80cf09f && python benchmarks/cost_of_laws.py --against ../before
 """
 
 import argparse

@@ -724,7 +724,7 @@ def _yield_laws(
     volume: bool | None,
     yielding: YieldLaw | Sequence[YieldLaw | None] | None,
 ) -> tuple[YieldLaw | None, ...]:
-    if yielding is None or isinstance(yielding, VonMises | Nikolaevsky):
+    if yielding is None or not isinstance(yielding, Sequence):
         laws: tuple[YieldLaw | None, ...] = (yielding,) * len(materials)
     else:
         laws = tuple(yielding)

@@ -1,5 +1,6 @@
 """Viscoelastic laws of the deviator; the mean stress stays elastic (theory B12)."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import Array, InputError, finite, positive
 
 
-class Branches:
+class Branches(ABC):
     """What laws of springs and dashpots in series have in common."""
 
     retardation = 0.0
 
+    @abstractmethod
     def series(self) -> tuple[Array, Array]:
         """Shares g_k of the instantaneous shear modulus and times T_k [s] of all branches."""
-        raise NotImplementedError
 
     def relaxation(self, time: ArrayLike) -> Array:
         """G(t)/G at times [s] after a step of strain: 1 - sum g_k (1 - exp(-t/T_k))."""
