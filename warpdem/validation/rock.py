@@ -87,7 +87,7 @@ def _ratio(name: str, p: Specimen, precision: str = "float64") -> Iterator[Measu
     if p.dim == 3:
         return  # of ten elements across there is no band to speak of
     for test, result in (("tension", pulled), ("compression", pressed)):
-        what = f"fracture plane to the axis of {test} [degrees], {name}"
+        what = f"fracture plane to the axis of {test} in degrees, {name}"
         error = abs(result.fracture_angle - result.expected_angle)
         source = "across" if test == "tension" else "45 - phi/2"
         yield Measurement(
@@ -150,7 +150,7 @@ def rock_brazilian() -> Iterator[Measurement]:
     error = abs(found / exact - 1.0)
     yield Measurement(what, exact, "the criterion's at the centre", found, error, RATIO_LIMIT)
     yield from _books("Brazilian", disc, 0.02)  # of a core in uneven stress
-    what = "fracture plane to the load [degrees]"
+    what = "fracture plane to the load in degrees"
     yield vanishing(what, "along it", disc.fracture_angle, ANGLE_LIMIT)
 
 
