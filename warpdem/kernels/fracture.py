@@ -172,12 +172,31 @@ def exceeding(s: Laws, test: Test):
         return damage + dt / time * wp.pow(wp.max(ratio, real(0.0)), exponent)
 
     @wp.func
+    def judged(
+        l: int,
+        ratio: real,
+        criterion_ratio: wp.array(dtype=real),
+        break_damage: wp.array(dtype=real),
+        time: real,
+        exponent: real,
+        dt: real,
+    ) -> real:
+        """What is compared with 1: the ratio, of which the greatest is kept, or what it has grown
+        to with time."""
+        criterion_ratio[l] = wp.max(criterion_ratio[l], ratio)
+        if wp.static(test.damage != ""):
+            damage = grown(ratio, break_damage[l], time, exponent, dt)
+            break_damage[l] = damage
+            return damage
+        return ratio
+
+    @wp.func
     def left(worst: real, last: real) -> real:
         """Share of its stiffness that a softening bond keeps at its greatest ratio: secant to the
         line from the strength (1) to no stress at the ratio `last`."""
         return wp.max(last - worst, real(0.0)) / (worst * (last - real(1.0)))
 
-    return Laws(grown=grown, left=left)
+    return Laws(judged=judged, left=left)
 
 
 @cache
@@ -241,10 +260,7 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, simd: bool = True):
             if wp.static(test.softens):
                 whole = traction / linked
             ratio = equivalent(law.tensor(mean, whole, n), n, numbers) / bond_strength[l]
-        criterion_ratio[l] = wp.max(criterion_ratio[l], ratio)
-        if wp.static(test.damage != ""):
-            ratio = rule.grown(ratio, break_damage[l], time, exponent, dt)
-            break_damage[l] = ratio
+        ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if wp.static(test.softens):
             if ratio > break_damage[l]:
                 break_damage[l] = ratio
@@ -346,10 +362,7 @@ def break_beams(s: Laws, k: Laws, test: Test, simd: bool = True):
         tj = s.load_spin(end_torque, at_j) - real(evm_offset[nn(2 * c + 1)]) * s.cross(m, force)
         normal, shear = law.stresses(force, ti, tj, wp.normalize(p + m), numbers)
         ratio = wp.max(normal, shear * numbers[3]) / bond_strength[l]
-        criterion_ratio[l] = wp.max(criterion_ratio[l], ratio)
-        if wp.static(test.damage != ""):
-            ratio = rule.grown(ratio, break_damage[l], time, exponent, dt)
-            break_damage[l] = ratio
+        ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if ratio > real(1.0):
             bond_linked[b] = real(0.0)
             break_normal[l] = normal
