@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import Array, InputError, finite
+from .growth import Branch, find_branches, front_speeds, released_energy_rate, window_speeds
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
 
-FEWEST = 5  # broken bonds in a window that gives a speed
+REACH = 2.5  # spacings within which breaks hang together
+LEAST = 8.0  # spacings: the shortest branch
 
 
 class CrackTracker:
@@ -61,23 +62,16 @@ class CrackTracker:
         self.log = sim.broken_bonds()
         if len(self.log) == 0:
             return
-        from scipy.stats import theilslopes  # takes most of a second to load
-
         x = self._coordinate(self.log, sim)
         x = x - x.min()
+        self._spacing = max(b.packing.spacing for b in sim.scene.bodies)
         if self.window is None:
-            self.window = 25.0 * max(b.packing.spacing for b in sim.scene.bodies)
-            self.window = min(self.window, x.max() / 8.0)
-        edges = np.arange(0.0, x.max() + 1e-9 * self.window, self.window)
-        length, speed = [], []
-        for low, high in pairwise(edges):
-            inside = (x >= low) & (x < high)
-            if inside.sum() >= FEWEST:
-                slope = theilslopes(self.log["time"][inside], x[inside]).slope
-                if slope > 0.0:
-                    length.append(0.5 * (low + high))
-                    speed.append(1.0 / slope)
-        self.length, self.window_speed = np.array(length), np.array(speed)
+            self.window = min(25.0 * self._spacing, x.max() / 8.0)
+        if self.window > 0.0:
+            self.length, self.window_speed = window_speeds(x, self.log["time"], self.window)
+        self._dim = sim.model.features.dim
+        self._depth = self._thickness(sim)
+        self._grown = x
 
     @property
     def speed(self) -> float:
@@ -88,6 +82,50 @@ class CrackTracker:
     def spread(self) -> float:
         """Greatest less least speed over the last half of the path [m/s]."""
         return float(np.ptp(self._late)) if len(self._late) else np.nan
+
+    @property
+    def release(self) -> tuple[Array, Array]:
+        """Middle of each window [m] and energy that breaks in it released per new area [J/m^2].
+
+        Since the ledger closes, it is what bodies and loads lost per area of crack.
+        """
+        if len(self.log) == 0 or not self.window:
+            return np.zeros(0), np.zeros(0)
+        energy = self.log["released_energy"]
+        return released_energy_rate(self._grown, energy, self.window, self._depth)
+
+    def branches(self, reach: float | None = None, least: float | None = None) -> list[Branch]:
+        """All cracks and their branches (`find_branches`), of any number and direction.
+
+        reach [m]: by default 2.5 spacings; least [m]: the shortest branch, by default 8 spacings.
+        """
+        if len(self.log) == 0:
+            return []
+        reach = REACH * self._spacing if reach is None else reach
+        least = LEAST * self._spacing if least is None else least
+        return find_branches(self._place, self.log["time"], reach, least)
+
+    def front(self, across: ArrayLike, slices: int) -> list[tuple[float, Array, Array]]:
+        """The crack's front in slices across it (`front_speeds`), for cracks in space."""
+        if len(self.log) == 0 or not self.window:
+            return []
+        time = self.log["time"]
+        return front_speeds(self._place, time, self._ahead, across, slices, self.window)
+
+    @property
+    def _place(self) -> Array:
+        return np.stack([self.log[c] for c in "xyz"[: self._dim]], axis=1)
+
+    @property
+    def _ahead(self) -> Array:
+        given = np.eye(self._dim)[0] if self._direction is None else self._direction
+        return given / np.linalg.norm(given)
+
+    def _thickness(self, sim: Simulation) -> float:
+        """Length of the crack's front [m]: the plate's thickness, in space that of its breaks."""
+        if self._dim == 2:
+            return sim.scene.bodies[0].packing.thickness
+        return float(np.ptp(self.log["z"])) + self._spacing
 
     @property
     def _late(self) -> Array:
