@@ -19,8 +19,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from . import experiments
 from .criteria import Criterion
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
-from .experiments import ModeIResult, Result
+from .experiments import ModeIIResult, ModeIResult, Result
 from .experiments.mode_i import FILES as MODE_I_FILES
+from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
 from .experiments.shared import read_criterion, write_criterion
@@ -169,6 +170,38 @@ experiment(
     MODE_I_FILES,
     _crack_progress,
     _crack_closing,
+)
+
+
+def _shear_progress(p: experiments.ModeII, crack: CrackTracker) -> Observer:
+    scale, unit = unit_of(crack.stop_at)
+
+    def done() -> tuple[float, str]:
+        tip = min(crack.tip, crack.stop_at) if np.isfinite(crack.tip) else p.centre
+        return tip - p.centre, f"{tip * scale:.4g}"
+
+    return Advance("crack", f"{crack.stop_at * scale:.4g} {unit}", crack.stop_at - p.centre, done)
+
+
+def _shear_closing(result: ModeIIResult) -> list[str]:
+    if not np.isfinite(result.final_over_p):
+        return ["the crack did not run far enough; raise --overload or lower --seismic-ratio"]
+    return [
+        f"S {result.seismic_ratio:.3g}: plateau at {result.plateau_over_rayleigh:.3f} of the "
+        f"Rayleigh speed over {result.plateau_spacings:.0f} spacings; at the end "
+        f"{result.final_over_p:.3f} of the P wave speed, {result.final_over_rayleigh:.3f} of the "
+        f"Rayleigh speed; rank correlation of speed and length {result.rank_correlation:.3f}"
+    ]
+
+
+experiment(
+    "mode-ii",
+    "mode II crack in a sheared plate",
+    experiments.ModeII,
+    experiments.mode_ii,
+    MODE_II_FILES,
+    _shear_progress,
+    _shear_closing,
 )
 
 

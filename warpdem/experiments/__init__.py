@@ -4,6 +4,7 @@ from .brazilian import Brazilian, brazilian
 from .envelope import Envelope, strength_envelope
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
+from .mode_ii import ModeII, ModeIIResult, mode_ii
 from .rock import Rock, RockResult
 from .shared import Result
 from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
@@ -14,6 +15,8 @@ __all__ = [
     "Confined",
     "Envelope",
     "ModeI",
+    "ModeII",
+    "ModeIIResult",
     "ModeIResult",
     "Result",
     "Rock",
@@ -25,6 +28,7 @@ __all__ = [
     "confined",
     "material_strength",
     "mode_i",
+    "mode_ii",
     "strength_envelope",
     "tension",
 ]

@@ -55,9 +55,9 @@ def domain_integral(
     with q = 1 nearer to the tip than `inner`, 0 beyond `outer`, linear between; u_1 is the
     derivative along `direction`, W and T the densities of elastic and kinetic energy, and the last
     term is the flux of kinetic energy (Moran and Shih 1987, Nakamura, Shih and Freund 1985).
-    Places, volumes and stresses are of the reference state, stress (n, 2, 2) [Pa]; leave out the motion for
-    statics. Over the thickness it is J [J/m^2]. Crack faces within must be free of traction and run
-    along `direction`.
+    Places, volumes and stresses are of the reference state, stress (n, 2, 2) [Pa]; leave out the
+    motion for statics. Over the thickness it is J [J/m^2]. Crack faces within must be free of
+    traction and run along `direction`.
     """
     x = finite("position", position, (None, 2))
     n = len(x)

@@ -67,6 +67,50 @@ def draw_crack(
         fig.savefig(part, dpi=130)
 
 
+def draw_shear_crack(
+    path: Path,
+    length: Array,
+    speed: Array,
+    wave_speeds: dict[str, float],
+    field: Snapshot,
+    title: str,
+    crack_line: tuple[float, float],
+    tip: float,
+    reach: float,
+) -> None:
+    """Speed of a shear crack against its growth beside wave speeds, and the field at its tip.
+
+    length [m], speed [m/s]: windows; wave_speeds [m/s]: by name, the greatest last; the rest as of
+    `draw_crack`.
+    """
+    factor, unit = unit_of(float(length.max(initial=reach)))
+    fig = Figure(figsize=(13, 5), layout="constrained")
+    left, right = fig.subplots(1, 2, gridspec_kw={"width_ratios": [1, 1.5]})
+    fig.suptitle(title)
+    most = max(wave_speeds.values())
+    for name, value in wave_speeds.items():
+        left.axhline(value / most, color="0.4", ls="--", lw=1)
+        side = "top" if "Rayleigh" in name else "bottom"
+        left.text(0.0, value / most, name, color="0.3", va=side)
+    left.plot(length * factor, speed / most, "o-", color="C0")
+    left.set(
+        xlabel=f"crack growth [{unit}]",
+        ylabel="crack speed / P wave speed",
+        ylim=(0.0, 1.1),
+        title="Crack speed from break times",
+    )
+    left.set_xlim(left=0.0)
+    if field.taken:
+        _draw_field(fig, right, field, crack_line, tip, reach, factor, unit)
+    else:
+        right.set_axis_off()
+        right.text(
+            0.5, 0.5, "the crack did not run far enough\nfor a picture of its tip", ha="center"
+        )
+    with whole(path) as part:
+        fig.savefig(part, dpi=130)
+
+
 def _draw_field(
     fig: Figure,
     ax: Axes,

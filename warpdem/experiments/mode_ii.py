@@ -1,0 +1,298 @@
+"""A shear crack along a weak plane of a sheared plate (Shilko Figs. 5 and 6; theory C3, C6)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import inf, pi, sqrt
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import packing
+from ..criteria import DruckerPrager, equivalent_stress
+from ..errors import Array, InputError, finite, one_of, positive
+from ..material import Material
+from ..observe import CrackTracker, Snapshot
+from ..observe.growth import window_speeds
+from ..packing import Packing
+from ..scene import Scene
+from ..simulation import Observer, Simulation
+from ..toughness import Toughness
+from ..write.whole import folder, unit_of, write_csv
+from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
+
+STARTS = ("surface", "bulk")
+PACKINGS = ("hexagonal", "voronoi")
+RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
+GRIP_LAYERS = 2
+EDGE_FACTOR = 1.1215  # K of an edge crack over that of a buried one (Tada, Paris and Irwin)
+WINDOW = 15.0  # spacings over which speeds are fitted
+PLATEAU = (0.88, 1.02)  # speeds over Rayleigh's that are counted as its plateau
+FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "speeds.csv", "run.json")
+
+
+@dataclass(frozen=True)
+class ModeII:
+    """What is simulated. SI units.
+
+    A plate in plane strain under uniform shear tau_0, gripped above and below, with a weak plane.
+    toughness gives the plane's strength at this spacing, and with it the shear tau_p that it bears
+    where there is no crack; seismic_ratio is S = (tau_p - tau_0)/tau_0 (Andrews 1976), friction on
+    the faces left out. The notch is as long as makes K_II in uniform shear `overload` times the
+    toughness. start "surface": a notch from the left edge, the plate at rest under shear before,
+    so that the shear is 0 at the edge and grows inwards; "bulk": a notch within, cut suddenly.
+    """
+
+    start: Annotated[str, f"Where the crack starts: {', '.join(STARTS)}."] = "surface"
+    length: Annotated[float, "Length of the plate, m."] = 4e-3
+    height: Annotated[float, "Height of the plate, m."] = 1.04e-3
+    spacing: Annotated[float, "Distance of elements, m."] = 1e-5
+    toughness: Annotated[float, "K_IIc of the weak plane, Pa m^0.5."] = 0.3e6
+    seismic_ratio: Annotated[float | None, "S; by default 0.7, in the bulk 1.02."] = None
+    overload: Annotated[float | None, "K_II over K_IIc; by default 2.5, in the bulk 1.6."] = None
+    friction: Annotated[float | None, "Of the crack's faces; by default they do not rub."] = None
+    young: Annotated[float, "Young's modulus, Pa."] = 75e9
+    poisson: Annotated[float, "Poisson's ratio."] = 0.25
+    density: Annotated[float, "Density, kg/m^3."] = 2500.0
+    packing: Annotated[str, f"Arrangement of elements: {', '.join(PACKINGS)}."] = "hexagonal"
+    seed: Annotated[int, "Seed of the Voronoi packing."] = 0
+
+    def __post_init__(self) -> None:
+        one_of("start", self.start, STARTS)
+        one_of("packing", self.packing, PACKINGS)
+        for name in ("length", "height", "spacing", "toughness"):
+            positive(name, getattr(self, name), ())
+        for name in ("seismic_ratio", "overload"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), ())
+        if self.friction is not None and finite("friction", self.friction, ()) < 0.0:
+            raise InputError(f"friction is {self.friction:g}; give 0 or more.")
+
+    @property
+    def material(self) -> Material:
+        """The plate's material."""
+        return Material(self.young, self.poisson, self.density)
+
+    @property
+    def s(self) -> float:
+        """S = (tau_p - tau_0)/tau_0."""
+        bulk = self.start == "bulk"
+        return (1.02 if bulk else 0.7) if self.seismic_ratio is None else self.seismic_ratio
+
+    def build_packing(self) -> Packing:
+        """The plate's elements."""
+        size = (self.length, self.height)
+        if self.packing == "voronoi":
+            return packing.voronoi(size, self.spacing, seed=self.seed)
+        return packing.hexagonal(size, self.spacing)
+
+    def law(self, plate: Packing) -> Toughness:
+        """The weak plane's criterion."""
+        return Toughness(DruckerPrager(RATIO, RATIO), self.toughness, mode="II")
+
+    def shear(self, plate: Packing) -> tuple[float, float]:
+        """tau_0 of the plate and tau_p that the weak plane bears [Pa]."""
+        law = self.law(plate).at(plate, self.material)
+        unit = np.zeros((3, 3))
+        unit[0, 1] = unit[1, 0] = 1.0
+        most = law.strength / equivalent_stress(law, unit, np.array([0.0, 1.0, 0.0]))
+        return most / (1.0 + self.s), most
+
+    def notch(self, plate: Packing) -> float:
+        """Length of the notch from the edge, half the length of one in the bulk [m]."""
+        over = self.overload or (1.6 if self.start == "bulk" else 2.5)
+        factor = 1.0 if self.start == "bulk" else EDGE_FACTOR
+        length = (over * self.toughness / (factor * self.shear(plate)[0])) ** 2 / pi
+        if length > 0.25 * self.length:
+            raise InputError(
+                f"the notch would be {length:.3g} m, more than a quarter of the plate; lower "
+                "overload or seismic_ratio, or give a longer plate or a finer spacing."
+            )
+        return length
+
+    @property
+    def centre(self) -> float:
+        """Place of the notch's middle along the plate [m]."""
+        return 0.0 if self.start == "surface" else 0.2 * self.length
+
+    @property
+    def plane_height(self) -> float:
+        """Height of the weak plane [m]: between two rows, next to the middle."""
+        pitch = sqrt(3.0) / 2.0 * self.spacing
+        return (round(self.height / pitch) // 2) * pitch
+
+
+@dataclass
+class ModeIIResult(Result):
+    """What came out: plain levels, and speeds over windows of crack length.
+
+    plateau_over_rayleigh: mean of the windows at 0.88 to 1.02 of Rayleigh's speed before the first
+    faster one, plateau_spacings: crack length over which they last; final_over_p: median of the
+    last quarter of windows over the speed of P waves; rank_correlation: Spearman's of speed and
+    length; forbidden_share: of windows in steady stretches (three in a row within 3 %) those
+    between Rayleigh's speed and that of S waves.
+    """
+
+    plateau_over_rayleigh: float
+    plateau_spacings: float
+    final_over_p: float
+    final_over_rayleigh: float
+    rank_correlation: float
+    forbidden_share: float
+    seismic_ratio: float
+    shear: float
+    peak_shear: float
+    rayleigh_speed: float
+    shear_speed: float
+    pressure_speed: float
+    window_length: NDArray = field(repr=False)
+    window_speed: NDArray = field(repr=False)
+    crack: CrackTracker = field(repr=False)
+    field: Snapshot = field(repr=False)
+
+    objects = ("simulation", "crack", "field")
+
+
+def mode_ii(
+    parameters: ModeII | None = None,
+    *,
+    device: str = "cpu",
+    precision: str = "float64",
+    out: str | Path | None = None,
+    observers: Callable[[Simulation, CrackTracker], list[Observer]] | None = None,
+    say: Say = silent,
+    frames: int = 24,
+) -> ModeIIResult:
+    """Run a mode II crack and measure its speed.
+
+    out: folder for crack.png, crack.usd, CSV files and run.json; None writes nothing. observers:
+    makes further observers of the run; say: is told what happens, line by line; frames: of the USD
+    scene. Raises InputError for parameters that cannot be run.
+    """
+    began = time.perf_counter()
+    p = parameters or ModeII()
+    where = None if out is None else folder(out)
+    say("building the packing")
+    plate = p.build_packing()
+    shear, peak = p.shear(plate)
+    notch, y = p.notch(plate), p.plane_height
+    tip = p.centre + notch
+    scene = Scene()
+    body = scene.add(plate, p.material, fracture=p.law(plate))
+    weak = plate.crossing((-p.spacing, y), (p.length + p.spacing, y))
+    strength = body.strength_factor[weak]
+    scene.set_strength(body, inf)
+    body.strength_factor[weak] = strength
+    scene.cut(body, (-p.spacing if p.start == "surface" else p.centre - notch, y), (tip, y))
+    half = 0.5 * shear / p.material.shear_modulus
+    scene.strain(body, [[0.0, half], [half, 0.0]])
+    for side in ("top", "bottom"):
+        scene.hold(body, plate.side(side, GRIP_LAYERS))
+    if p.friction is not None:
+        scene.contact(friction=p.friction)
+
+    scale, unit = unit_of(p.length)
+    sim = build(scene, device, precision, say, f"plate {p.length * scale:g} x "
+                f"{p.height * scale:g} {unit}")  # fmt: skip
+    if p.start == "surface":
+        say("bringing the sheared plate to rest")
+        sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[precision])
+    rayleigh = p.material.rayleigh_speed("strain")
+    pressure = p.material.pressure_speed("strain")
+    # the last twelfth of the plate feels the free edge and is left out
+    crack = CrackTracker(every=20, window=WINDOW * p.spacing, stop_at=p.length * 11.0 / 12.0)
+    sim.observe(crack)
+    tip_place = tip + 0.6 * (p.length - tip)
+    picture = Snapshot(lambda _: crack.tip >= tip_place)
+    sim.observe(picture)
+    likely = round((p.length - tip) / (1.3 * rayleigh * sim.dt))
+    say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s")
+    if where is not None:
+        from ..write.usd import UsdWriter
+
+        sim.observe(UsdWriter(where / "crack.usd", every=max(1, likely // frames)))
+    for observer in observers(sim, crack) if observers else []:
+        sim.observe(observer)
+    sim.run(until=2.5 * (p.length - tip) / rayleigh)
+
+    ahead = crack.log[crack.log["x"] >= tip - p.spacing] if len(crack.log) else crack.log
+    length, speed = np.zeros(0), np.zeros(0)
+    if len(ahead):
+        length, speed = window_speeds(ahead["x"] - tip, ahead["time"], WINDOW * p.spacing, 0.0)
+    result = ModeIIResult(
+        **run_numbers(sim),
+        **_levels(length, speed, p),
+        seismic_ratio=p.s,
+        shear=shear,
+        peak_shear=peak,
+        rayleigh_speed=rayleigh,
+        shear_speed=p.material.shear_speed(),
+        pressure_speed=pressure,
+        window_length=length,
+        window_speed=speed,
+        crack=crack,
+        field=picture,
+    )
+    if picture.taken:
+        tip_place = float(crack.log["x"][crack.log["time"] <= picture.time].max())
+    if where is None:
+        result.seconds = time.perf_counter() - began
+    else:
+        _write(where, p, result, precision, tip_place)
+        write_record(where, "mode-ii", p, result, began)
+    return result
+
+
+def _levels(length: Array, speed: Array, p: ModeII) -> dict[str, Any]:
+    """The plain numbers of `ModeIIResult`, NaN where the crack did not run far enough."""
+    from scipy.stats import spearmanr
+
+    names = ("plateau_over_rayleigh", "final_over_p", "final_over_rayleigh", "rank_correlation")
+    found: dict[str, Any] = dict.fromkeys((*names, "forbidden_share"), float("nan")) | {
+        "plateau_spacings": 0.0
+    }
+    if len(speed) < 4:
+        return found
+    rayleigh = p.material.rayleigh_speed("strain")
+    over = speed / rayleigh
+    fast = np.flatnonzero(over > PLATEAU[1])
+    slow = over[: fast[0]] if len(fast) else over
+    level = slow[slow >= PLATEAU[0]]
+    if len(level):
+        found["plateau_over_rayleigh"] = float(level.mean())
+        found["plateau_spacings"] = len(level) * WINDOW
+    last = float(np.median(speed[-max(2, len(speed) // 4) :]))
+    found["final_over_rayleigh"] = last / rayleigh
+    found["final_over_p"] = last / p.material.pressure_speed("strain")
+    found["rank_correlation"] = float(spearmanr(length, speed).statistic)
+    steady = np.zeros(len(speed), dtype=bool)
+    for k in range(len(speed) - 2):
+        three = speed[k : k + 3]
+        if np.ptp(three) <= 0.03 * three.mean():
+            steady[k : k + 3] = True
+    banned = (speed > rayleigh) & (speed < p.material.shear_speed())
+    found["forbidden_share"] = float((steady & banned).sum() / max(steady.sum(), 1))
+    return found
+
+
+def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: float) -> None:
+    from ..write.picture import draw_shear_crack
+
+    write_csv(where / "broken_bonds.csv", result.crack.log, UNITS)
+    rows = np.zeros(len(result.window_length), dtype=[("length", float), ("speed", float)])
+    rows["length"], rows["speed"] = result.window_length, result.window_speed
+    write_csv(where / "speeds.csv", rows, {"length": "m", "speed": "m/s"})
+    speeds = {
+        "Rayleigh waves": result.rayleigh_speed,
+        "S waves": result.shear_speed,
+        "P waves": result.pressure_speed,
+    }
+    draw_shear_crack(
+        where / "crack.png", result.window_length, result.window_speed, speeds, result.field,
+        f"Mode II crack from the {p.start}, S = {p.s:g}, {result.elements} elements, {precision}",
+        crack_line=(p.centre, p.plane_height), tip=tip, reach=0.12 * p.length,
+    )  # fmt: skip
