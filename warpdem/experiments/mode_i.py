@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf, sqrt
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine
 from ..errors import InputError, one_of, positive
 from ..material import Material
 from ..observe import CrackTracker, Snapshot
+from ..observe.vortex import find_vortices, on_grid
 from ..packing import Packing
 from ..scene import Scene
 from ..simulation import Observer, Simulation
@@ -27,6 +28,9 @@ CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
 PACKINGS = ("hexagonal", "voronoi")
 RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
 GRIP_LAYERS = 2
+# in spacings: half the field about the tip that is searched for vortices, its smoothing, and the
+# radius of the detector
+FIELD, SMOOTH, VORTEX = 25.0, 2.0, 8.0
 FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "run.json")
 
 
@@ -104,11 +108,17 @@ class ModeI:
 
 @dataclass
 class ModeIResult(Result):
-    """What came out. Speeds are over the Rayleigh speed of plane strain."""
+    """What came out. Speeds are over the Rayleigh speed of plane strain.
+
+    vortices: of the velocity field near the tip at one instant (Shilko Fig. 4a), each with sign (1
+    counterclockwise), place ahead of the tip and across the crack [m], swirl and circulation
+    [m^2/s], as of `observe.vortex.find_vortices`.
+    """
 
     speed_over_rayleigh: float
     speed_spread: float
     rayleigh_speed: float
+    vortices: list[dict[str, Any]]
     window_length: NDArray = field(repr=False)
     window_speed_over_rayleigh: NDArray = field(repr=False)
     crack: CrackTracker = field(repr=False)
@@ -170,11 +180,14 @@ def mode_i(
         sim.observe(observer)
     sim.run(until=longest)
 
+    if picture.taken:  # the tip went on between two looks
+        tip_place = float(crack.log["x"][crack.log["time"] <= picture.time].max())
     result = ModeIResult(
         **run_numbers(sim),
         speed_over_rayleigh=crack.speed / rayleigh,
         speed_spread=crack.spread / rayleigh,
         rayleigh_speed=rayleigh,
+        vortices=_vortices(picture, tip_place, p),
         window_length=crack.length,
         window_speed_over_rayleigh=crack.window_speed / rayleigh,
         crack=crack,
@@ -186,6 +199,25 @@ def mode_i(
         _write(where, p, result, precision, tip_place)
         write_record(where, "mode-i", p, result, began)
     return result
+
+
+def _vortices(field: Snapshot, tip: float, p: ModeI) -> list[dict[str, Any]]:
+    if not field.taken:
+        return []
+    d = p.spacing / p.refine
+    place = np.array([tip, p.plane_height])
+    reach = min(FIELD * d, 0.45 * p.height)
+    grid = on_grid(field.position, field.velocity, place - reach, place + reach, d, SMOOTH * d)
+    return [
+        {
+            "sign": v.sign,
+            "ahead": v.centre[0] - tip,
+            "across": v.centre[1] - p.plane_height,
+            "swirl": v.swirl,
+            "circulation": v.circulation,
+        }
+        for v in find_vortices(grid, VORTEX * d)
+    ]
 
 
 def _write(where: Path, p: ModeI, result: ModeIResult, precision: str, tip: float) -> None:

@@ -52,7 +52,7 @@ class ModeII:
     height: Annotated[float, "Height of the plate, m."] = 1.04e-3
     spacing: Annotated[float, "Distance of elements, m."] = 1e-5
     toughness: Annotated[float, "K_IIc of the weak plane, Pa m^0.5."] = 0.3e6
-    seismic_ratio: Annotated[float | None, "S; by default 0.7, in the bulk 1.02."] = None
+    seismic_ratio: Annotated[float | None, "S; by default 0.7, in the bulk 0.95."] = None
     overload: Annotated[float | None, "K_II over K_IIc; by default 2.5, in the bulk 1.6."] = None
     friction: Annotated[float | None, "Of the crack's faces; by default they do not rub."] = None
     young: Annotated[float, "Young's modulus, Pa."] = 75e9
@@ -81,7 +81,7 @@ class ModeII:
     def s(self) -> float:
         """S = (tau_p - tau_0)/tau_0."""
         bulk = self.start == "bulk"
-        return (1.02 if bulk else 0.7) if self.seismic_ratio is None else self.seismic_ratio
+        return (0.95 if bulk else 0.7) if self.seismic_ratio is None else self.seismic_ratio
 
     def build_packing(self) -> Packing:
         """The plate's elements."""

@@ -4,6 +4,7 @@ from . import (  # noqa: F401  they register
     beam,
     contact,
     core,
+    crack,
     evm,
     finite,
     foundation,

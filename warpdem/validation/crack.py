@@ -1,0 +1,65 @@
+"""Cracks that run: levels of the second paper's figures 4 and 6 (theory C3 rows 30-32, C6)."""
+
+from collections.abc import Iterator
+
+from ..experiments import ModeI, ModeII, mode_i, mode_ii
+from .case import Measurement, case
+
+
+def _below(what: str, found: float, limit: float, source: str) -> Measurement:
+    return Measurement(what, limit, source, found, found, limit)
+
+
+def _between(what: str, found: float, low: float, high: float, source: str) -> Measurement:
+    """A number in a range: its distance from the middle is at most half the range."""
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    return Measurement(what, middle, source, found, abs(found - middle), half)
+
+
+@case("crack")
+def mode_i_speed_and_vortices() -> Iterator[Measurement]:
+    """A tensile crack along a weak plane: speed over Rayleigh's, vortices before its tip."""
+    for strain in (0.0005, 0.0006, 0.0007):
+        run = mode_i(ModeI(length=2e-3, strain=strain))
+        found = run.speed_over_rayleigh
+        yield _between(f"speed over c_R, strain {strain:g}", found, 0.88, 1.0, "Shilko Fig. 4b")
+    for side, sign in ((1, -1), (-1, 1)):
+        signs = [v["sign"] for v in run.vortices if side * v["across"] > 0.0 and v["ahead"] > 0.0]
+        missing = float(signs != [sign])
+        where = "above" if side > 0 else "below"
+        what = f"lack of one vortex of sign {sign} ahead of the tip and {where} the crack"
+        yield _below(what, missing, 0.0, "Shilko Fig. 4a")
+
+
+@case("crack")
+def mode_ii_from_surface() -> Iterator[Measurement]:
+    """A shear crack from the free edge of a plate at rest: it speeds up towards P waves."""
+    found = mode_ii(ModeII("surface"))
+    yield _between("final speed over c_P", found.final_over_p, 0.8, 1.0, "Shilko Fig. 6a")
+    lack = 1.0 - found.rank_correlation
+    yield _below("1 - rank correlation of speed and length", lack, 0.1, "Shilko Fig. 6a")
+    yield _below("steady windows in (c_R, c_S)", found.forbidden_share, 0.1, "Burridge 1973")
+
+
+@case("crack")
+def mode_ii_in_the_bulk() -> Iterator[Measurement]:
+    """A shear crack within a plate: area I at Rayleigh's speed, then area II near P waves."""
+    found = mode_ii(ModeII("bulk"))
+    level = found.plateau_over_rayleigh
+    yield _between("plateau over c_R", level, 0.88, 1.02, "Shilko Fig. 6b, area I")
+    short = max(0.0, 40.0 - found.plateau_spacings)
+    yield _below("spacings that the plateau lacks of 40", short, 0.0, "Shilko Fig. 6b, area I")
+    yield _between("final over c_P", found.final_over_p, 0.8, 1.0, "Shilko Fig. 6b, area II")
+    yield _below("steady windows in (c_R, c_S)", found.forbidden_share, 0.1, "Burridge 1973")
+
+
+@case("crack", slow=True)
+def mode_ii_transition() -> Iterator[Measurement]:
+    """Crack at rest before, in the bulk: it stays below c_R at a high S, passes c_S at a low one.
+
+    Burridge and Andrews have the threshold at S = 1.77 for an infinite plate; gripped plates this
+    high bound the crack's K_II, so that theirs is lower.
+    """
+    for ratio, low, high in ((2.4, 0.4, 0.56), (0.7, 0.8, 1.0)):
+        found = mode_ii(ModeII("bulk", seismic_ratio=ratio, overload=1.6)).final_over_p
+        yield _between(f"final over c_P, S {ratio:g}", found, low, high, "Andrews 1976")
