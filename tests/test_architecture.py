@@ -30,10 +30,12 @@ ALLOWED = {
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
+    "renewal": {"errors", "model", "packing", "step"},
     "moduli": {"errors", "bond", "material", "packing"},
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
+        "renewal",
     },
     "observe": {"errors", "fields"},
     "write": {"errors", "fields", "observe"},

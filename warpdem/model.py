@@ -1,7 +1,7 @@
 """A scene as arrays: what is fixed (Model), what changes (State), what is needed (Features)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from .viscoelasticity import ViscousLaw
 
 Ids = NDArray[np.int32]
 LEAST_SPHERICAL = 0.9  # of (1 - D) on irregular elements with a viscous law
+RENEWED_SLOTS = {2: 10, 3: 26}  # room for the neighbours that renewed faces may bring
 LEAST_SHAPE = 0.05  # smallest stretch of B, 1 where an element has all its faces
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
@@ -61,6 +62,7 @@ class Features:
     branches: int  # most branches of a viscous law; 0: none creeps
     has_retardation: bool  # some faces have Kelvin and Voigt's dashpots
     finite_strain: bool
+    renews: bool  # faces are made anew as elements change neighbours
     slots: int
     faces: Faces
 
@@ -68,6 +70,11 @@ class Features:
     def evaluates_anew(self) -> bool:
         """Whether forces are evaluated a second time in a step, after plastic flow."""
         return self.has_dilation or (self.faces.has_slip and self.has_evm)
+
+    @property
+    def has_offset(self) -> bool:
+        """Whether the volume term at finite strain is measured from a dilation other than 0."""
+        return self.has_dilation or self.renews
 
     @property
     def keeps_mean(self) -> bool:
@@ -377,6 +384,8 @@ def state_arrays(
                 state["plastic_growth_zz"] = np.zeros(n)
         else:
             state["return_loss"] = np.zeros(n)
+        if f.renews and not f.has_dilation:
+            state["plastic_dilation"] = np.zeros(n)
         state["spring_force"] = np.zeros((b, f.dim))
         state["bond_dissipation"] = np.zeros(b)
         if model.facet_bonds:
@@ -664,6 +673,9 @@ def build(scene: Scene) -> Model:
     incidence = _incidence(pairs, n)
     if scene.contacts is not None:  # what touches has a slot of its own, of no bond
         incidence = np.vstack([incidence, np.full((1, n), 2 * bonds, dtype=np.int32)])
+    renews = _renews(scene, bool(len(node_bonds)))
+    if renews:
+        incidence = _roomy(incidence, bonds, RENEWED_SLOTS[dim])
     mass, held, held_rotation = each["mass"], each["held"] > 0.0, each["held_rotation"] > 0.0
     moments, axes = _principal(bodies, mass, each["inertia"])
     inertia = each["inertia"] if moments is None else moments.mean(axis=1)
@@ -707,9 +719,10 @@ def build(scene: Scene) -> Model:
         branches=branches,
         has_retardation=any(law.retardation > 0.0 for law in viscous),
         finite_strain=any(b.finite_strain for b in bodies),
+        renews=renews,
         slots=len(incidence),
         faces=Faces(
-            faces.is_central,
+            faces.is_central and not renews,
             has_jump=has_jump,
             has_slip=bool(laws) or branches > 0,
             has_creep=branches > 0,
@@ -775,6 +788,77 @@ def build(scene: Scene) -> Model:
     if scene.contacts is not None:
         _add_contact(model, scene, each)
     return model
+
+
+def _renews(scene: Scene, has_nodes: bool) -> bool:
+    """Whether faces are renewed; refuses what cannot be carried over."""
+    if all(b.renew_faces is None for b in scene.bodies):
+        return False
+    if len(scene.bodies) > 1 or has_nodes:
+        raise InputError(
+            "renew_faces is for a scene of one body of one stiffness; leave the others out, or "
+            "renew_faces."
+        )
+    body = scene.bodies[0]
+    if not body.linked.all():
+        raise InputError("renew_faces is not for bodies with cuts: new faces would heal them.")
+    if body.mean_strain.any() and body.strain_history is None:
+        raise InputError("renew_faces takes a periodic strain as a function of time.")
+    return True
+
+
+def _roomy(incidence: Ids, bonds: int, slots: int) -> Ids:
+    """Incidence with at least so many slots, the further ones of no bond."""
+    more = max(slots - len(incidence), 0)
+    return np.vstack([incidence, np.full((more, incidence.shape[1]), 2 * bonds, dtype=np.int32)])
+
+
+def with_faces(
+    model: Model, position: Array, volume: Array, pairs: NDArray[np.int64], area: Array,
+    arms: Array, shift: Array, past: Array,
+    whole: StrainHistory | None,
+) -> Model:  # fmt: skip
+    """The model of a body whose elements have moved to `position` and have other faces there.
+
+    volume (n,); pairs (b, 2), area (b,) and arms (b, 2, dim) of the faces; shift (b, dim): of a
+    periodic body, from the second elements to their images at zero strain; whole: the
+    history of the box's strain, past (dim, dim) so far. Masses, inertias, loads and grips stay with the elements.
+    """
+    n, dim = position.shape
+    vector = arms[:, 0] - arms[:, 1]
+    length = np.linalg.norm(vector, axis=1)
+    distance = np.einsum("bsk,bk->bs", arms, vector) * [1.0, -1.0] / length[:, None]
+    incidence = _roomy(_incidence(pairs, n), len(pairs), model.features.slots)
+    assert model.element_two_shear is not None
+    modulus = _series(model.element_two_shear, pairs, distance)
+    face = np.zeros(2 * len(pairs) + 2)
+    face[:-2] = (area[:, None] * distance).ravel()
+    new = replace(
+        model,
+        features=replace(model.features, slots=len(incidence)),
+        position=position,
+        facet_bonds=len(pairs),
+        element_volume=volume,
+        incidence=incidence,
+        bond_place=np.argsort(incidence, axis=None, kind="stable")[: 2 * len(pairs)].astype(
+            np.int32
+        ),
+        bond_i=pairs[:, 0].astype(np.int32),
+        bond_j=pairs[:, 1].astype(np.int32),
+        bond_area=area,
+        bond_arm=np.concatenate([arms.reshape(-1, dim), np.zeros((2, dim))]),
+        facet_stiffness=modulus * area / length,
+        bond_weight=area / length,
+        bond_face=face,
+    )
+    if model.bond_jump is not None:
+        new.bond_jump = np.zeros((len(pairs), dim))
+    if model.box_bonds is not None and whole is not None:
+        box = np.flatnonzero(shift.any(axis=1))
+        new.box_bonds, new.box_shift = box.astype(np.int32), shift[box]
+        new.strain_history = lambda t: np.asarray(whole(t)) - past
+    new.inverse_shape = _inverse_shape(new, np.ones(len(pairs)))
+    return new
 
 
 def _add_box(model: Model, stored: list[Body]) -> None:

@@ -45,6 +45,7 @@ class Body:
     yielding: tuple[YieldLaw | None, ...]  # of each material
     viscous: tuple[ViscousLaw | None, ...]  # likewise
     finite_strain: bool = False
+    renew_faces: float | None = None  # slip over length beyond which faces are renewed
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -168,6 +169,7 @@ class Scene:
         yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
         viscous: ViscousLaw | Sequence[ViscousLaw | None] | None = None,
         finite_strain: bool = False,
+        renew_faces: float | None = None,
     ) -> Body:
         """Add a body.
 
@@ -185,6 +187,9 @@ class Scene:
         moduli are the instantaneous ones, of KelvinVoigt those of the spring.
         finite_strain: volumes, stresses and flow follow the elements' deformation gradients, for
         plastic strains beyond a few per cent (theory B6); of all bodies of a scene or of none.
+        renew_faces: with finite_strain and a yield law, the slip of a bond over its length, usually
+        0.3, beyond which all faces of the body are made anew from the places that its elements
+        then have (theory B6); None: faces stay those between the first neighbours.
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -243,9 +248,11 @@ class Scene:
         if finite_strain:
             _check_finite(materials, bond, fracture, volume, laws, creep)
             has_volume = True
+        if renew_faces is not None:
+            _check_renewal(packing, finite_strain, laws, facet_bending, renew_faces)
         body = Body(
             packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep,
-            finite_strain,
+            finite_strain, renew_faces,
         )  # fmt: skip
         if toughness is not None:
             body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
@@ -850,6 +857,28 @@ def _check_finite(
         raise InputError("finite_strain takes von Mises' flow; Nikolaevsky's is of small strain.")
     if any(m.poisson < 0.0 for m in materials):
         raise InputError("finite_strain needs Poisson's ratios of 0 or more.")
+
+
+def _check_renewal(
+    packing: Packing,
+    finite_strain: bool,
+    laws: tuple[YieldLaw | None, ...],
+    facet_bending: bool,
+    share: float,
+) -> None:
+    positive("renew_faces", share, ())
+    if not finite_strain or any(law is None for law in laws):
+        raise InputError(
+            "renew_faces is of bodies at finite strain that yield everywhere; give finite_strain "
+            "and a yield law, or leave renew_faces out."
+        )
+    if packing.plane == "stress":
+        raise InputError(
+            "renew_faces is for plane strain and space: in plane stress each element has a "
+            "thickness of its own; leave renew_faces out."
+        )
+    if facet_bending:
+        raise InputError("renewed faces do not know how far they were bent; leave one of both out.")
 
 
 def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:

@@ -789,7 +789,7 @@ class Step:
         passes = []
         if not has_openings:
             passes.append(self._bind(centre_openings(s, k, f.faces, self._simd), m.bonds))
-        law = deformations(s, k, f.faces, f.slots, f.has_dilation, self._simd)
+        law = deformations(s, k, f.faces, f.slots, f.has_offset, self._simd)
         passes.append(self._bind(law, m.elements, elements=m.elements))
         passes.append(self._bind(finite_forces(s, k, f.faces, f.has_bending, self._simd), m.bonds))
         return passes + self._closing()

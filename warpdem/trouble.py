@@ -177,6 +177,27 @@ class Slips:
         return share[m.own_bonds]
 
 
+def slid(step: Step) -> Array:
+    """How far the centres of each bond have moved across or along it since its face was made, over
+    their distance then, (b,): |r - Q r0|/r0 with the mean turn Q of both elements.
+
+    At finite strain, where elastic strains are small, it is the slip of the bond's face.
+    """
+    m = step.model
+    assert m.bond_weight is not None
+    ends = bond_ends(m)
+    vector = ends[:, 0] - ends[:, 1]
+    length = np.linalg.norm(vector, axis=1)
+    moved = step.download("centre_opening")[: m.bonds].astype(np.float64)
+    moved = moved / m.bond_weight[:, None]
+    gradient = np.eye(m.features.dim) + step.download("displacement_gradient").astype(np.float64)
+    left, _, right = np.linalg.svd(gradient)
+    turn = left @ right
+    i, j = m.bond_i, m.bond_j
+    turned = np.einsum("bxy,by->bx", 0.5 * (turn[i] + turn[j]), vector)
+    return np.linalg.norm(vector + moved - turned, axis=1) / length
+
+
 class Distortion:
     """Elements at finite strain whose lattice is too distorted; each kind is told of once.
 
@@ -187,6 +208,10 @@ class Distortion:
     def __init__(self, dt_limit: float) -> None:
         self._dt_limit = dt_limit
         self._told: set[str] = set()
+
+    def restart(self, dt_limit: float) -> None:
+        """From faces just renewed on, whose greatest stable time step is this [s]."""
+        self._dt_limit = dt_limit
 
     @property
     def log(self) -> NDArray[np.void]:
