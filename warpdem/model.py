@@ -822,7 +822,8 @@ def with_faces(
 
     volume (n,); pairs (b, 2), area (b,) and arms (b, 2, dim) of the faces; shift (b, dim): of a
     periodic body, from the second elements to their images at zero strain; whole: the
-    history of the box's strain, past (dim, dim) so far. Masses, inertias, loads and grips stay with the elements.
+    history of the box's strain, past (dim, dim) so far. Masses, inertias, loads and grips stay with
+    the elements.
     """
     n, dim = position.shape
     vector = arms[:, 0] - arms[:, 1]

@@ -17,6 +17,8 @@ from .packing.tessellation import Tessellation
 from .step import Step
 
 LEAST_FACE = 1e-9  # area over that of a square of the spacing, below which cells only touch
+NEAREST = 0.75  # distance of an image from any element over that from its own
+MOST_STRETCH = 1.5  # of the distance of an image over that in the packing
 ROUNDS = 200  # of the search for the springs' forces, at most
 CLOSE = 1e-11  # share of the greatest stress that these may leave unmatched
 
@@ -56,7 +58,7 @@ def tessellate(packing: Packing, x: Array, gradient: Array, box: Array) -> Renew
             origin.append(np.flatnonzero(near))
             image.append(np.tile(step, (near.sum(), 1)))
     else:
-        surface, beyond = _mirrored(packing, x, gradient)
+        surface, beyond = _beyond(packing, x, gradient)
         images.append(beyond)
         origin.append(np.full(len(beyond), -1))
         image.append(np.zeros((len(beyond), dim), dtype=np.int64))
@@ -90,12 +92,16 @@ def tessellate(packing: Packing, x: Array, gradient: Array, box: Array) -> Renew
     )
 
 
-def _mirrored(packing: Packing, x: Array, gradient: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Elements with a free surface, and their mirror images beyond it.
+def _beyond(packing: Packing, x: Array, gradient: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Elements with a free surface, and generators beyond it that bound their cells.
 
-    Its vector area A and its height, from the volume that the other faces leave, are those of the
-    packing; area vectors move by F^-T, the point of the surface by F.
+    These are mirror images: the vector area A of the surface and its height, from the volume that
+    the other faces leave, are those of the packing; area vectors move by F^-T, points by F. And at
+    edges and steps, where one plane is not enough, opposites of the first neighbours: on a lattice
+    those that the surface cut off. None is nearer to another element than to its own.
     """
+    from scipy.spatial import cKDTree
+
     assert packing.area is not None and packing.arms is not None
     n, dim = x.shape
     outward = packing.exposed_area
@@ -104,11 +110,41 @@ def _mirrored(packing: Packing, x: Array, gradient: Array) -> tuple[NDArray[np.b
     along = np.einsum("bsk,bk->bs", packing.arms, packing.bond_vector) * [1.0, -1.0]
     cone = along * (packing.area / packing.bond_length)[:, None] / dim
     left = packing.volume - np.bincount(packing.bonds.ravel(), cone.ravel(), minlength=n)
-    height = dim * left[surface] / size[surface]
-    normal = outward[surface] / size[surface, None]
-    moved = np.linalg.solve(np.swapaxes(gradient[surface], 1, 2), normal[..., None])[..., 0]
-    square = (moved**2).sum(axis=1)[:, None]
-    return surface, x[surface] + 2.0 * height[:, None] * moved / square
+    gradient = _smoothed(packing, gradient)
+    at = np.flatnonzero(surface)
+    height = dim * left[at] / size[at]
+    normal = outward[at] / size[at, None]
+    moved = np.linalg.solve(np.swapaxes(gradient[at], 1, 2), normal[..., None])[..., 0]
+    ways = [2.0 * height[:, None] * moved / (moved**2).sum(axis=1)[:, None]]
+    owner, first_length = [at], [2.0 * height]
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        own = packing.bonds[:, side]
+        way = sign * packing.bond_vector
+        out = surface[own] & (np.einsum("bk,bk->b", way, outward[own]) > 0.0)
+        ways.append(np.einsum("bxy,by->bx", gradient[own[out]], way[out]))
+        owner.append(own[out])
+        first_length.append(packing.bond_length[out])
+    way, of, length = (np.concatenate(a) for a in (ways, owner, first_length))
+    distance = np.linalg.norm(way, axis=1)
+    # what is squeezed or stretched much has other neighbours at about the old distance
+    bounded = np.clip(distance, length / MOST_STRETCH, length * MOST_STRETCH)
+    point, distance = x[of] + way * (bounded / distance)[:, None], bounded
+    free = cKDTree(x).query(point)[0] > NEAREST * distance
+    free[: len(at)] = cKDTree(x).query(point[: len(at)])[0] > 0.9 * distance[: len(at)]
+    point = point[free]
+    pairs = cKDTree(point).query_pairs(0.3 * packing.spacing, output_type="ndarray")
+    first = np.ones(len(point), dtype=bool)
+    first[pairs.max(axis=1)] = False
+    return surface, point[first]
+
+
+def _smoothed(packing: Packing, gradient: Array) -> Array:
+    """F averaged over every element and its first neighbours, for single ones are distorted most."""
+    total, count = np.array(gradient), np.ones(len(gradient))
+    for own, other in (packing.bonds.T, packing.bonds.T[::-1]):
+        np.add.at(total, own, gradient[other])
+        np.add.at(count, own, 1.0)
+    return total / count[:, None, None]
 
 
 def spring_stresses(model: Model, force: Array) -> Array:

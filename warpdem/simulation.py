@@ -593,7 +593,8 @@ class Simulation:
         bonds; damping: taken by dashpots, local damping, absorbing sides and restitution; plastic:
         dissipated by plastic flow; viscous: by branches; work: done by moving grips and walls,
         outer loads and a periodic box; integrator: velocity Verlet's own term (theory B13), its
-        jumps at breaking bonds included; renewal: lost with old faces; residual: what is missing from their balance.
+        jumps at breaking bonds included; renewal: lost with old faces; residual: what is missing
+        from their balance.
         """
         ledger = self._measure()
         before, now = (

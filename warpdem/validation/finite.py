@@ -463,10 +463,12 @@ def finite_strain_necking() -> Iterator[Measurement]:
         )
 
 
-def taylor_bar(across: int, precision: str = "float64", share: float = 0.15) -> "Impact":
+def taylor_bar(
+    across: int, precision: str = "float64", share: float = 0.15, renew_faces: float | None = None
+) -> "Impact":
     """A copper bar of 32.4 mm by 6.4 mm meets a rigid wall without friction at 227 m/s.
 
-    across: elements over its diameter.
+    across: elements over its diameter; renew_faces: as scene.add takes it.
     """
     radius, height, speed = 3.2e-3, 32.4e-3, 227.0
     d = 2.0 * radius / across
@@ -475,7 +477,8 @@ def taylor_bar(across: int, precision: str = "float64", share: float = 0.15) -> 
     bar = box.without(np.hypot(x[:, 0], x[:, 1]) > radius)
     scene = Scene()
     copper = Material(117e9, 0.35, 8930.0)
-    body = scene.add(bar, copper, yielding=VonMises(400e6, Linear(100e6)), finite_strain=True)
+    law = VonMises(400e6, Linear(100e6))
+    body = scene.add(bar, copper, yielding=law, finite_strain=True, renew_faces=renew_faces)
     z = bar.position[:, 2]
     foot = z < z.min() + 0.35 * d
     scene.hold(body, foot, axes="z")
