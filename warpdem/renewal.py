@@ -139,7 +139,7 @@ def _beyond(packing: Packing, x: Array, gradient: Array) -> tuple[NDArray[np.boo
 
 
 def _smoothed(packing: Packing, gradient: Array) -> Array:
-    """F averaged over every element and its first neighbours, for single ones are distorted most."""
+    """F averaged over elements and their first neighbours: single ones are distorted most."""
     total, count = np.array(gradient), np.ones(len(gradient))
     for own, other in (packing.bonds.T, packing.bonds.T[::-1]):
         np.add.at(total, own, gradient[other])

@@ -139,6 +139,7 @@ class Simulation:
         self._past_gradient: Array | None = None
         self._past_books = {"plastic": 0.0, "work": 0.0, "renewal": 0.0}
         self.renewals: list[Renewal] = []
+        self._told_of_faces = False
         self._check_speed(InputError)
         self._step.evaluate_forces()
         self._step.remember_springs()
@@ -664,8 +665,19 @@ class Simulation:
         """Renew faces where a bond's centres have slid by more than the body's share of its length
         since the last renewal."""
         share = self.scene.bodies[0].renew_faces
-        if share is not None and float(slid(self._step).max(initial=0.0)) > share:
+        if share is None or float(slid(self._step).max(initial=0.0)) <= share:
+            return
+        try:
             self.renew_faces()
+        except InputError as why:  # nothing has changed yet
+            if not self._told_of_faces:
+                self._told_of_faces = True
+                warnings.warn(
+                    f"at step {self._step.count} faces were not renewed, and the old ones stay "
+                    f"until they can be: {why}",
+                    ModelWarning,
+                    stacklevel=3,
+                )
 
     def _refuse_contact(self, what: str) -> None:
         if self.model.contact is not None:
