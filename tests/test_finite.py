@@ -219,3 +219,24 @@ def test_renewal_is_refused_in_scenes_it_does_not_know():
     scene, _ = scene_of(p)
     with pytest.raises(wd.InputError, match="added with renew_faces"):
         wd.Simulation(scene).renew_faces()
+
+
+def test_what_slides_past_its_neighbours_is_told_of():
+    p = sheet()
+    scene, _ = scene_of(p, law=wd.VonMises(100.0))
+    sim = wd.Simulation(scene)
+    upper = (p.position[:, 1] > p.position[:, 1].mean())[:, None]
+    with pytest.warns(wd.ModelWarning, match="slid past"):
+        sim.set_state(displacement=upper * [1.5, 0.0])
+    assert "plastic_dilation" not in sim._step.arrays
+
+
+def test_faces_that_cannot_be_renewed_stay():
+    sim, rate = renewing(packing=wd.packing.hexagonal((2.0, 2.0), 1.0, "strain"), share=1e-3)
+    flat = sim.scene.bodies[0].packing.position * [0.0, -0.99]
+    with pytest.warns(wd.ModelWarning):
+        sim.set_state(displacement=flat)
+        before = sim.model
+        with pytest.raises(wd.InputError):
+            sim.renew_faces()
+    assert sim.model is before
