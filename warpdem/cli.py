@@ -5,11 +5,10 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import MISSING, fields
 from importlib.metadata import version
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated, Any, get_origin, get_type_hints
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -17,15 +16,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import experiments
-from .criteria import Criterion
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
 from .experiments import ModeIResult, Result
+from .experiments.described import EXPERIMENTS, Experiment
 from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
-from .experiments.shared import read_criterion, write_criterion
 from .observe import CrackTracker
-from .simulation import PRECISIONS, Observer, Simulation
+from .simulation import Observer, Simulation
 from .write.record import describe_machine
 from .write.whole import unit_of, write_text
 
@@ -84,21 +82,31 @@ def experiment(
     progress: Callable[[Any, Any], Observer],
     closing: Callable[[Any], list[str]],
 ) -> None:
-    """Make an experiment a command whose options are the fields of its parameters.
+    """Make an experiment a command whose options are the fields of its parameters, and known.
 
     files: what it writes; progress: makes the observer that shows how far it is, of the parameters
     and of what the experiment hands to `observers`; closing: lines about the result.
     """
 
-    def command(precision: str, device: str, out: Path, **given: Any) -> None:
+    told = Experiment(name, title, parameters, function, files)
+    EXPERIMENTS[name] = told
+
+    def command(out: Path, compile_only: bool, **given: Any) -> None:
         console.print(f"warpdem {version('warpdem')}: {title}")
-        chosen = parameters(**given | {k: read_criterion(given[k]) for k in written})
+        chosen = told.build(given)
+
+        def observers(_: Simulation, measured: Any) -> list[Observer]:
+            if compile_only:
+                console.print("kernels are compiled")
+                raise typer.Exit
+            return [progress(chosen, measured)]
+
         result = function(
             chosen,
-            device=device,
-            precision=precision,
-            out=out,
-            observers=lambda _, measured: [progress(chosen, measured)],
+            device=given["device"],
+            precision=given["precision"],
+            out=None if compile_only else out,
+            observers=observers,
             say=console.print,
         )
         for line in closing(result):
@@ -110,31 +118,23 @@ def experiment(
         )
         console.print(f"written to {out}: {' '.join(files)}")
 
-    hints = get_type_hints(parameters, include_extras=True)
-    written: list[str] = []  # criteria, in words
-    options = []
-    for f in fields(parameters):
-        hint, default = hints[f.name], f.default
-        if isinstance(default, Criterion):
-            written.append(f.name)
-            hint, default = Annotated[str, hint.__metadata__[0]], write_criterion(default)
-        options.append(_option(f.name, hint, default))
-    arithmetic = f"Arithmetic: {', '.join(PRECISIONS)} (places in float64)."
+    options = [_option(d.name, d.kind, d.default, d.help) for d in told.described.values()]
     options += [
-        _option("precision", Annotated[str, arithmetic], "float64"),
-        _option("device", Annotated[str, "cpu or cuda."], "cpu"),
-        _option("out", Annotated[Path, "Folder for the results."], Path("out") / name),
+        _option("out", Path, Path("out") / name, "Folder for the results."),
+        _option("compile_only", bool, False, "Compile the kernels and stop before the first step."),
     ]
-    command.__signature__ = Signature(options)  # type: ignore[attr-defined]
+    _add(run, told, command, options)
+
+
+def _add(to: typer.Typer, told: Experiment, command: Any, options: list[Parameter]) -> None:
+    command.__signature__ = Signature(options)
     command.__annotations__ = {}
-    command.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
-    run.command(name)(command)
+    command.__doc__ = (told.function.__doc__ or "").partition("\n\n")[0]
+    to.command(told.name)(command)
 
 
-def _option(name: str, hint: Any, default: Any) -> Parameter:
-    assert get_origin(hint) is Annotated and default is not MISSING
-    kind: Any = hint.__origin__
-    option = Annotated[kind, typer.Option(help=hint.__metadata__[0])]
+def _option(name: str, kind: Any, default: Any, words: str, shown: Any = True) -> Parameter:
+    option = Annotated[kind, typer.Option(help=words, show_default=shown)]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=option)
 
 
