@@ -48,7 +48,9 @@ ALLOWED = {
         *("calibration", "moduli", "observe", "statics", "experiments", "plasticity", "toughness"),
         "viscoelasticity",
     },
-    "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
+    "sweeps": {"errors", "experiments", "write"},
+    "cli": {"errors", "experiments", "observe", "simulation", "sweeps", "validation", "write"},
+    "__main__": {"cli"},
 }
 
 

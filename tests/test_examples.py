@@ -107,6 +107,16 @@ def test_rock_script(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out" / "compression" / "test.png").stat().st_size > 1000
 
 
+def test_sweeps_script(tmp_path, monkeypatch, capsys):
+    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "sweeps.md").read_text(), re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "sweeps.md", "exec"), {})
+    speeds = list(map(float, capsys.readouterr().out.strip("[]\n").split()))
+    # on so small a plate the speed's spread hides the effect of strain: bounds as in test_cli
+    assert len(set(speeds)) == 2 and all(0.5 < speed < 1.1 for speed in speeds)
+    assert (tmp_path / "out" / "strain" / "sweep.png").stat().st_size > 1000
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name
 )

@@ -50,6 +50,7 @@ from .toughness import Toughness
 from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 
 if TYPE_CHECKING:
+    from .sweeps import sweep
     from .write.field import draw_field
     from .write.fragment import write_fragments
     from .write.structure import draw_structure
@@ -123,6 +124,7 @@ __all__ = [
     "lattice_moduli",
     "packing",
     "periodic_moduli",
+    "sweep",
     "write_fragments",
 ]
 
@@ -145,4 +147,8 @@ def __getattr__(name: str) -> object:
         from .write.structure import draw_structure
 
         return draw_structure
+    if name == "sweep":
+        from . import cli  # where experiments are made known
+
+        return cli.sweep
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
