@@ -13,20 +13,21 @@ ALLOWED = {
     "bond": {"errors", "material", "section"},
     "criteria": {"errors", "fields", "section"},
     "contact": {"errors", "packing"},
+    "wall": {"errors"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
     "viscoelasticity": {"errors"},
     "packing": {"errors", "section"},
     "scene": {
         *("errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"),
-        *("contact", "viscoelasticity"),
+        *("contact", "viscoelasticity", "wall"),
     },
     "model": {
         *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
-        "contact",
+        *("contact", "wall"),
     },
     "neighbours": {"errors", "kernels", "model"},
-    "step": {"kernels", "model", "neighbours"},
+    "step": {"kernels", "model", "neighbours", "wall"},
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
@@ -34,6 +35,7 @@ ALLOWED = {
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
+        "wall",
     },
     "observe": {"errors", "fields"},
     "write": {"errors", "fields", "observe"},
@@ -44,7 +46,7 @@ ALLOWED = {
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
         *("calibration", "moduli", "observe", "statics", "experiments", "plasticity", "toughness"),
-        "viscoelasticity",
+        *("viscoelasticity", "wall"),
     },
     "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
 }

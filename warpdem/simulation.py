@@ -21,12 +21,13 @@ from .errors import (
     one_of,
 )
 from .model import build, face_arms, state_arrays, with_moving_nodes, with_nodes
-from .scene import Body, Scene, Servo, Wall
+from .scene import Body, Scene, Servo
 from .stability import bound_contact, bound_damping, bound_frequency, largest_frequency, link_states
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
 from .trouble import Distortion, Slips, Troubles
+from .wall import Wall
 
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping, plastic flow and viscous branches took
@@ -454,9 +455,22 @@ class Simulation:
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
+        row = self._row(wall)
+        return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+
+    def wall_torque(self, wall: Wall) -> Array:
+        """Torque of all elements on a wall about its shape's place [N m], (1,) or (3,)."""
+        row = self._row(wall)
+        return self._step.download("wall_torque")[row].sum(axis=0, dtype=np.float64)
+
+    def wall_pose(self, wall: Wall) -> tuple[Array, Array]:
+        """Place of a wall's shape now [m], (dim,), and its orientation, as `orientation`."""
+        return wall.pose(self.time, self._step.wall_way[self._row(wall)])
+
+    def _row(self, wall: Wall) -> int:
         for row, mine in enumerate(self.model.walls):
             if mine is wall:
-                return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+                return row
         raise InputError("this wall is not in the simulation's scene.")
 
     def elements(self, body: Body) -> slice:
