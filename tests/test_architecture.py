@@ -38,7 +38,7 @@ ALLOWED = {
         "wall",
     },
     "observe": {"errors", "fields"},
-    "write": {"errors", "fields", "observe"},
+    "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
     },

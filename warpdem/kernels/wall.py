@@ -173,23 +173,23 @@ def shapes(dim: int, kinds: frozenset[int]) -> Laws:
         row = wp.static(NUMBERS) * w
         d = real(FAR)
         n = vec()
-        if wp.static(PLANE in kinds):
+        if wp.static(PLANE in kinds):  # noqa: SIM102
             if kind == wp.static(PLANE):
                 n = load_axis(wall_shape, w)
                 d = wp.dot(n, y)
-        if wp.static(SPHERE in kinds):
+        if wp.static(SPHERE in kinds):  # noqa: SIM102
             if kind == wp.static(SPHERE):
                 d, n = sphere(y, wall_shape[row + 3], wall_shape[row + 5])
-        if wp.static(CYLINDER in kinds):
+        if wp.static(CYLINDER in kinds):  # noqa: SIM102
             if kind == wp.static(CYLINDER):
                 d, n = cylinder(
                     y, load_axis(wall_shape, w), wall_shape[row + 3], wall_shape[row + 4],
                     wall_shape[row + 5],
                 )  # fmt: skip
-        if wp.static(BOX in kinds):
+        if wp.static(BOX in kinds):  # noqa: SIM102
             if kind == wp.static(BOX):
                 d, n = box(y, load_axis(wall_shape, w), wall_shape[row + 3])
-        if wp.static(MESH in kinds):
+        if wp.static(MESH in kinds):  # noqa: SIM102
             if kind == wp.static(MESH):
                 d, n = mesh(y, w, far, wall_mesh, wall_first_face, face_place)
         return d, n
@@ -461,7 +461,7 @@ def wall_settle(s: Laws, k: Laws, kinds: frozenset[int], has_restitution: bool):
             opened = ends.has_opened(wall_opened, e)
             if last != real(0.0) or debt != real(0.0) or opened:
                 r = x - shape.load(wall_place, w)
-                d, n_now = shape.posed(
+                _d, n_now = shape.posed(
                     r, w, radius + radius, wall_turn, wall_kind, wall_shape, wall_mesh,
                     wall_first_face, face_place,
                 )  # fmt: skip
