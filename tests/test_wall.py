@@ -108,3 +108,28 @@ def test_walls_are_in_the_picture(tmp_path):
     assert list(moved) == pytest.approx([0.0, 3.01, 0.0])
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/wall_4"))
     assert list(mesh.GetFaceVertexIndicesAttr().Get()) == SIDES.ravel().tolist()
+
+
+def test_hertz_is_of_spheres_and_warns_of_deep_overlaps():
+    scene = wd.Scene()
+    scene.add(ball(np.zeros(2), 0.5), SOFT)
+    scene.contact(law="hertz")
+    with pytest.raises(wd.InputError, match="Hertz's law is of spheres"):
+        wd.Simulation(scene)
+    with pytest.raises(wd.InputError, match="law"):
+        scene.contact(law="hard")
+    for gap, deep in ((-0.01, False), (-0.1, True)):
+        for other in ("wall", "element"):
+            scene = wd.Scene()
+            scene.add(ball(np.zeros(3), 0.5), SOFT)
+            scene.contact(law="hertz")
+            if other == "wall":
+                scene.wall([0.0, -0.5 - gap, 0.0], [0.0, 1.0, 0.0])
+            else:
+                scene.add(ball(np.array([0.0, 1.0 + gap, 0.0]), 0.5), SOFT)
+            sim = wd.Simulation(scene)
+            if deep:
+                with pytest.warns(wd.ModelWarning, match=r"overlap by 0\.1 of their radius"):
+                    sim.set_state(velocity=sim.velocity)
+            else:
+                sim.run(steps=1)

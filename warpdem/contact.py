@@ -16,6 +16,12 @@ class Contact:
     friction: float
     restitution: float
     skin: float  # of the list of neighbours, over the median radius
+    law: str = "linear"  # or "hertz"
+
+    @property
+    def is_hertz(self) -> bool:
+        """Whether elements touch as Hertz's spheres."""
+        return self.law == "hertz"
 
 
 def touching_radius(packing: Packing) -> Array:

@@ -193,7 +193,7 @@ class Model:
     contact_position: Array | None = None  # (n, dim) from the middle of the scene, in float64
     contact_radius: Array | None = None  # (n,)
     contact_width: Array | None = None  # (n,) thickness in the plane
-    contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa]
+    contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa], Hertz (1 - nu^2)/E
     contact_shear: Array | None = None  # (n,) R/(2 G) [m/Pa]
     bonded_start: Ids | None = None  # (m + 1,) rows of elements that bonds join
     bonded: Ids | None = None
@@ -1299,6 +1299,18 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     for name, modulus in (("compliance", "pressure_modulus"), ("shear", "two_shear")):
         stiff = np.where(each[modulus] > 0.0, each[modulus], 1.0)
         setattr(model, "contact_" + name, radius / stiff)
+    if model.contact is not None and model.contact.is_hertz:
+        if model.features.dim == 2:
+            raise InputError(
+                "Hertz's law is of spheres: in the plane the approach of two discs depends on what "
+                "surrounds them, so that there is no law of a pair; take law='linear'."
+            )
+        yielded = [
+            np.array([(1.0 - m.poisson**2) / m.young for m in b.materials])[b.grain]
+            / b.stiffness_factor
+            for b in bodies
+        ]
+        model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle

@@ -467,13 +467,21 @@ class Scene:
         """A body force: this acceleration [m/s^2], (dim,), of every element of the scene."""
         self.gravity = finite("acceleration", acceleration, (None,))
 
-    def contact(self, friction: float = 0.0, restitution: float = 1.0, skin: float = 0.5) -> None:
+    def contact(
+        self,
+        friction: float = 0.0,
+        restitution: float = 1.0,
+        skin: float = 0.5,
+        law: str = "linear",
+    ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
         They touch as spheres, in the plane discs, of the distance to their nearest face, with a
         stiffness as that of bonds. friction: Coulomb's, between all of them; restitution: speed
         along the normal after two elements have touched over that before, 0 to 1 (elastic).
-        skin: of the list of neighbours over the median radius; a matter of speed alone.
+        skin: of the list of neighbours over the median radius; a matter of speed alone. law:
+        "linear", or in space "hertz", of elastic spheres of these radii (friction's springs are
+        the same); its time step is for overlaps up to a twentieth of the radius.
 
         Pairs that a bond joined close and rub on their own face until they have parted; there EVM
         bonds do not rub.
@@ -484,7 +492,8 @@ class Scene:
             raise InputError(f"friction is {mu:g}; give 0 or more.")
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
-        self.contacts = Contact(mu, e, float(positive("skin", skin, ())))
+        one_of("law", law, ("linear", "hertz"))
+        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law)
 
     def wall(
         self,

@@ -505,13 +505,14 @@ class Step:
         bounces = restitution < 1.0
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
-        law = contact_forces(s, k, m.rubs, bounces)
+        is_hertz = m.contact.is_hertz
+        law = contact_forces(s, k, m.rubs, bounces, is_hertz)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         both = []
         for dt in (self.dt, 0.0):
             passes = [self._bind(law, rows, dt=dt, friction=m.contact.friction, **place)]
             if walls:
-                on_walls = wall_forces(s, k, kinds, m.rubs, bounces)
+                on_walls = wall_forces(s, k, kinds, m.rubs, bounces, is_hertz)
                 passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
             both.append(self._passes(passes))
         self._contact, self._contact_still = both
@@ -540,9 +541,9 @@ class Step:
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        passes = [self._bind(contact_energies(s, k, m.rubs), rows)]
+        passes = [self._bind(contact_energies(s, k, m.rubs, is_hertz), rows)]
         if walls:
-            passes.append(self._bind(wall_energies(s, k, kinds, m.rubs), rows, **given))
+            passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
         self._contact_energies = self._passes(passes)
 
     def _damping_passes(self) -> list[wp.Launch]:

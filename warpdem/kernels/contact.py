@@ -103,7 +103,41 @@ def contact(s: Laws) -> Laws:
 
 
 @cache
-def pair(s: Laws, k: Laws) -> Laws:
+def pressing(s: Laws, is_hertz: bool) -> Laws:
+    """Normal law of a contact in its stiffness and its gap [m]: linear, or Hertz's of spheres."""
+    real, linear = s.real, closing(s)
+
+    if not is_hertz:
+
+        @wp.func
+        def against_wall(radius: real, area: real, compliance: real) -> real:
+            """k = M S/R [N/m]."""
+            return area / compliance
+
+        return Laws(energy=linear.energy, pull=linear.pull, against_wall=against_wall)
+
+    @wp.func
+    def energy(stiffness: real, gap: real) -> real:
+        """U = 2/5 k <-g>^(5/2), that is 8/15 E* sqrt(R) <-g>^(5/2)."""
+        h = wp.max(-gap, real(0.0))
+        return real(0.4) * stiffness * h * h * wp.sqrt(h)
+
+    @wp.func
+    def pull(stiffness: real, gap: real, slack: real) -> real:
+        """-k <-g>^(3/2), k = 4/3 E* sqrt(R) [N/m^(3/2)]."""
+        h = wp.max(slack - gap, real(0.0))
+        return -stiffness * h * wp.sqrt(h)
+
+    @wp.func
+    def against_wall_hertz(radius: real, area: real, compliance: real) -> real:
+        """k = 4/3 E* sqrt(R), 1/E* being the compliance."""
+        return real(4.0 / 3.0) * wp.sqrt(radius) / compliance
+
+    return Laws(energy=energy, pull=pull, against_wall=against_wall_hertz)
+
+
+@cache
+def pair(s: Laws, k: Laws, is_hertz: bool = False) -> Laws:
     """Geometry and stiffness of a listed pair, in the order of its ids whichever side asks."""
     real, place, narrowed, law = s.real, k.real, narrow(s, k), contact(s)
     unit = k.vec(*[1.0 if axis == 0 else 0.0 for axis in range(k.dim)])
@@ -144,19 +178,42 @@ def pair(s: Laws, k: Laws) -> Laws:
         s_ab = law.area(real(2.0) * ra * rb / (ra + rb), width)
         return s_ab / (compliance[nn(a)] + compliance[nn(b)])
 
+    load_normal_stiffness = load_stiffness
+    if is_hertz:
+
+        @wp.func
+        def load_hertz(
+            a: int,
+            b: int,
+            contact_radius: wp.array(dtype=place),
+            contact_width: wp.array(dtype=real),
+            compliance: wp.array(dtype=real),
+        ) -> real:
+            """k = 4/3 E* sqrt(R): compliances (1 - nu^2)/E in series, 1/R = 1/R_a + 1/R_b."""
+            ra = real(contact_radius[nn(a)])
+            rb = real(contact_radius[nn(b)])
+            series = compliance[nn(a)] + compliance[nn(b)]
+            return real(4.0 / 3.0) * wp.sqrt(ra * rb / (ra + rb)) / series
+
+        load_normal_stiffness = load_hertz
+
     return Laws(
         load_distance=load_distance,
         normal=normal,
         load_stiffness=load_stiffness,
+        load_normal_stiffness=load_normal_stiffness,
         narrowed=narrowed,
         widened=narrow(k, s),
     )
 
 
 @cache
-def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool):
+def contact_forces(
+    s: Laws, k: Laws, has_friction: bool, has_restitution: bool, is_hertz: bool = False
+):
     """Pass over elements that may touch: force and torque of all their contacts, into one slot."""
-    real, place, geometry, law, spring_law = s.real, k.real, pair(s, k), contact(s), closing(s)
+    real, place, geometry, law = s.real, k.real, pair(s, k, is_hertz), contact(s)
+    spring_law = pressing(s, is_hertz)
     narrowed, widened = geometry.narrowed, geometry.widened
 
     def contact_forces(
@@ -210,7 +267,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool):
                 before = real(r_before - reach)
                 n = narrowed(n_now)
                 nb = narrowed(n_then)
-                stiffness = geometry.load_stiffness(
+                stiffness = geometry.load_normal_stiffness(
                     a, b, contact_radius, contact_width, contact_compliance
                 )
                 pull = spring_law.pull(stiffness, gap, real(0.0))
@@ -257,9 +314,10 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool):
 
 
 @cache
-def contact_energies(s: Laws, k: Laws, has_friction: bool):
+def contact_energies(s: Laws, k: Laws, has_friction: bool, is_hertz: bool = False):
     """Per element that may touch: half the energy of its pairs [J]."""
-    real, place, geometry, spring_law = s.real, k.real, pair(s, k), closing(s)
+    real, place, geometry = s.real, k.real, pair(s, k, is_hertz)
+    spring_law = pressing(s, is_hertz)
 
     def contact_energies(
         # model
@@ -286,7 +344,7 @@ def contact_energies(s: Laws, k: Laws, has_friction: bool):
             _n, r = geometry.normal(d)
             gap = real(r - (contact_radius[wp.min(i, j)] + contact_radius[wp.max(i, j)]))
             if gap < real(0.0):
-                stiffness = geometry.load_stiffness(
+                stiffness = geometry.load_normal_stiffness(
                     i, j, contact_radius, contact_width, contact_compliance
                 )
                 energy += real(0.5) * spring_law.energy(stiffness, gap)

@@ -12,7 +12,7 @@ import warp as wp
 
 from .algebra import Laws, narrow, space
 from .closing import closing
-from .contact import contact, opening
+from .contact import contact, opening, pressing
 from .memory import kernel
 
 PLANE, SPHERE, CYLINDER, BOX, MESH = range(5)
@@ -236,9 +236,16 @@ def placing(s: Laws, k: Laws) -> Laws:
 
 
 @cache
-def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], has_friction: bool, has_restitution: bool):
+def wall_forces(
+    s: Laws,
+    k: Laws,
+    kinds: frozenset[int],
+    has_friction: bool,
+    has_restitution: bool,
+    is_hertz: bool = False,
+):
     """Pass over elements that may touch: what walls add to the forces of contacts."""
-    real, law, spring_law = s.real, contact(s), closing(s)
+    real, law, spring_law = s.real, contact(s), pressing(s, is_hertz)
     shape, where, double = shapes(s.dim, kinds), placing(s, k), wp.float64
     narrowed, widened = where.narrowed, where.widened
 
@@ -322,7 +329,7 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], has_friction: bool, has
                 n = narrowed(n_now)
                 nb = narrowed(n_before)
                 wide = law.area(real(radius), contact_width[i])
-                stiffness = wide / contact_compliance[i]
+                stiffness = spring_law.against_wall(real(radius), wide, contact_compliance[i])
                 pull = spring_law.pull(stiffness, gap, real(0.0))
                 was = spring_law.pull(stiffness, before, real(0.0))
                 f = -pull * n
@@ -363,9 +370,11 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], has_friction: bool, has
 
 
 @cache
-def wall_energies(s: Laws, k: Laws, kinds: frozenset[int], has_friction: bool):
+def wall_energies(
+    s: Laws, k: Laws, kinds: frozenset[int], has_friction: bool, is_hertz: bool = False
+):
     """Per element that may touch: what walls add to the energy of contacts [J]."""
-    real, law, spring_law = s.real, contact(s), closing(s)
+    real, law, spring_law = s.real, contact(s), pressing(s, is_hertz)
     shape, where = shapes(s.dim, kinds), placing(s, k)
 
     def wall_energies(
@@ -403,7 +412,8 @@ def wall_energies(s: Laws, k: Laws, kinds: frozenset[int], has_friction: bool):
                 wall_mesh, wall_first_face, face_place,
             )  # fmt: skip
             if d < radius:
-                energy += spring_law.energy(wide / contact_compliance[i], real(d - radius))
+                stiffness = spring_law.against_wall(real(radius), wide, contact_compliance[i])
+                energy += spring_law.energy(stiffness, real(d - radius))
                 if wp.static(has_friction):
                     spring = s.load(wall_spring, w * rows + t)
                     energy += real(0.5) * wide / contact_shear[i] * wp.dot(spring, spring)

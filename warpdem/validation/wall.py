@@ -377,3 +377,45 @@ def _sphere_on_block(wide: int, depth: int) -> Iterator[Measurement]:
     ):
         error = abs(found / wanted - 1.0)
         yield Measurement(f"{what}, {len(x)} elements", wanted, "Hertz", found, error, 0.04)
+
+
+@case("wall")
+def hertz_collision_of_two_spheres() -> Iterator[Measurement]:
+    """Unlike elements, and an element and a wall, meet head on by Hertz's law: greatest overlap
+    (15 m v^2/(16 E* sqrt(R)))^(2/5) and duration 2.94326 times that over v (Johnson 1985, 11.4)."""
+    from scipy.special import beta
+
+    stretch = 2.0 * 0.4 * beta(0.4, 0.5)  # 2 int dx/sqrt(1 - x^(5/2))
+    stiff, soft, v = Material(1.0, 0.3, 1.0), Material(0.4, 0.1, 2.0), 1e-3
+    for other in ("an element", "a wall"):
+        scene = Scene()
+        body = scene.add(ball(np.zeros(3), 0.5), stiff)
+        scene.contact(law="hertz")
+        if other == "a wall":
+            scene.wall([0.51, 0.0, 0.0], [-1.0, 0.0, 0.0])
+        else:
+            scene.add(ball(np.array([0.86, 0.0, 0.0]), 0.35), soft)
+        scene.set_velocity(body, [v, 0.0, 0.0])
+        sim = Simulation(scene, dt=0.005)
+        mass, compliance, radius, way = sim.model.mass, 1.0 - 0.3**2, 0.5, 0.01
+        reduced = mass[0]
+        if other == "an element":
+            reduced = mass[0] * mass[1] / mass.sum()
+            compliance += (1.0 - 0.1**2) / 0.4
+            radius = 0.5 * 0.35 / 0.85
+        held = sim.energy()["kinetic"]
+        overlap, now, touched = 0.0, 0.0, 0
+        while sim.time < 30.0 or now > 0.0:
+            sim.run(steps=1)
+            apart = sim.displacement[0, 0] - (sim.displacement[1, 0] if len(mass) > 1 else 0.0)
+            now = float(apart - way)
+            overlap, touched = max(overlap, now), touched + (now > 0.0)
+        deep = (15.0 * reduced * v**2 * compliance / (16.0 * np.sqrt(radius))) ** 0.4
+        yield Measurement(f"greatest overlap with {other}", deep, "Hertz", overlap,
+                          abs(overlap / deep - 1.0), 1e-3)  # fmt: skip
+        lasts = stretch * deep / v
+        found = touched * sim.dt
+        yield Measurement(f"duration with {other}", lasts, "Hertz", found,
+                          abs(found / lasts - 1.0), 1e-3)  # fmt: skip
+        error = abs(sim.energy()["residual"]) / held
+        yield vanishing(f"energy missing with {other}", "conserved", error, 1e-9)
