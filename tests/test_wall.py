@@ -124,7 +124,7 @@ def test_hertz_is_of_spheres_and_warns_of_deep_overlaps():
             scene.add(ball(np.zeros(3), 0.5), SOFT)
             scene.contact(law="hertz")
             if other == "wall":
-                scene.wall([0.0, -0.5 - gap, 0.0], [0.0, 1.0, 0.0])
+                scene.wall([0.0, -0.5 - 0.5 * gap, 0.0], [0.0, 1.0, 0.0])
             else:
                 scene.add(ball(np.array([0.0, 1.0 + gap, 0.0]), 0.5), SOFT)
             sim = wd.Simulation(scene)

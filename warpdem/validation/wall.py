@@ -104,7 +104,7 @@ def distances_of_shapes() -> Iterator[Measurement]:
             def distance(x, shape=shape, back=back, way=way):
                 return signed_distance(shape, rotated(back, x - way))
 
-            for _ in range(400):
+            for _ in range(200):
                 x = way + rng.normal(0.0, 1.2, dim)
                 d = distance(x)
                 sim.set_state(displacement=x[None])
