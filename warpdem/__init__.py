@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from . import experiments, packing
+from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
-from .contact import Contact, Wall
+from .contact import Contact
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -48,6 +48,7 @@ from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
 from .toughness import Toughness
 from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
+from .wall import Wall
 
 if TYPE_CHECKING:
     from .sweeps import sweep
@@ -125,6 +126,7 @@ __all__ = [
     "packing",
     "periodic_moduli",
     "sweep",
+    "wall",
     "write_fragments",
 ]
 

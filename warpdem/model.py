@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bond import EVMBond
-from .contact import Contact, Wall, bonded_rows, has_free_surface, touching_radius
+from .contact import Contact, bonded_rows, has_free_surface, touching_radius
 from .criteria import (
     NUMBERS,
     CustomCriterion,
@@ -21,9 +21,12 @@ from .errors import Array, InputError, first_ids
 from .kernels.face import Faces
 from .kernels.fracture import Test
 from .kernels.plastic import Flow
+from .kernels.wall import BOX, CYLINDER, FAR, MESH, PLANE, SPHERE
+from .kernels.wall import NUMBERS as SHAPE_NUMBERS
 from .plasticity import Nikolaevsky, Table, YieldLaw
 from .scene import Body, History, Scene, StrainHistory
 from .viscoelasticity import ViscousLaw
+from .wall import Box, Cylinder, Plane, Sphere, Wall
 
 Ids = NDArray[np.int32]
 LEAST_SPHERICAL = 0.9  # of (1 - D) on irregular elements with a viscous law
@@ -34,7 +37,7 @@ PLACES = frozenset(
     {
         *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes", "bond_slip"),
         "evm_tilt",
-        *("contact_radius", "wall_distance", "wall_shift", "closing_slip"),
+        *("contact_radius", "closing_slip"),
         *("box_shift", "box_strain"),
         *("evm_direction", "evm_length", "evm_offset"),
     }
@@ -197,15 +200,18 @@ class Model:
     contact_position: Array | None = None  # (n, dim) from the middle of the scene, in float64
     contact_radius: Array | None = None  # (n,)
     contact_width: Array | None = None  # (n,) thickness in the plane
-    contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa]
+    contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa], Hertz (1 - nu^2)/E
     contact_shear: Array | None = None  # (n,) R/(2 G) [m/Pa]
     bonded_start: Ids | None = None  # (m + 1,) rows of elements that bonds join
     bonded: Ids | None = None
     bonded_listed: Ids | None = None  # of which listed bond, -1: of none
-    wall_normal: Array | None = None  # (walls, dim)
-    wall_velocity: Array | None = None  # (walls, dim)
+    contact_middle: Array | None = None  # (dim,) middle of the scene [m]
+    contact_impedance: float = 0.0  # of plane waves in all elements that may touch [N s/m]
+    wall_kind: Ids | None = None  # (walls,)
+    wall_shape: Array | None = None  # (walls, 8) numbers of each shape
     wall_friction: Array | None = None  # (walls,)
-    wall_distance: Array | None = None  # (walls, m) from the surface of each element
+    wall_first_face: Ids | None = None  # (walls,) of a mesh among all
+    face_place: Array | None = None  # (3 faces, 3) corners of all meshes, from their walls' places
     nodes: int = 0  # stored after all other elements
     node_bonds: Ids | None = None  # (nodes,) the bonds of such faces
 
@@ -340,7 +346,14 @@ def state_arrays(
             state["slip_energy"] = np.zeros(rows)
         if model.walls:
             walls = len(model.walls)
-            state["wall_shift"] = np.zeros(walls)
+            spin, place = np.zeros((walls, spins)), np.zeros((walls, f.dim))
+            turn = np.zeros((walls, rot))
+            for name in ("wall_place", "wall_place_before", "wall_velocity"):
+                state[name] = place
+            for name in ("wall_turn", "wall_turn_before"):
+                state[name] = turn
+            state["wall_spin"] = spin
+            state["wall_torque"] = np.zeros((walls, rows, spins))
             state["wall_debt"] = np.zeros((walls, rows))
             state["wall_impulse"] = np.zeros((walls, rows))
             state["wall_reaction"] = np.zeros((walls, rows, f.dim))
@@ -1371,8 +1384,21 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     for name, modulus in (("compliance", "pressure_modulus"), ("shear", "two_shear")):
         stiff = np.where(each[modulus] > 0.0, each[modulus], 1.0)
         setattr(model, "contact_" + name, radius / stiff)
+    if model.contact is not None and model.contact.is_hertz:
+        if model.features.dim == 2:
+            raise InputError(
+                "Hertz's law is of spheres: in the plane the approach of two discs depends on what "
+                "surrounds them, so that there is no law of a pair; take law='linear'."
+            )
+        yielded = [
+            np.array([(1.0 - m.poisson**2) / m.young for m in b.materials])[b.grain]
+            / b.stiffness_factor
+            for b in bodies
+        ]
+        model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
-    model.contact_position = model.position - 0.5 * (low + high)
+    model.contact_middle = 0.5 * (low + high)
+    model.contact_position = model.position - model.contact_middle
     if model.faces_rub:
         assert model.facet_stiffness is not None and model.listed_bonds is not None
         model.closing_shear = model.facet_stiffness[model.listed_bonds[: model.facet_listed]]
@@ -1382,15 +1408,39 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         place[model.listed_bonds] = np.arange(len(model.listed_bonds))
         model.bonded_listed = place[model.own_bonds[which]]
     if model.walls:
-        model.wall_normal = np.array([w.normal for w in model.walls])
-        model.wall_velocity = np.array([w.velocity for w in model.walls])
-        model.wall_friction = np.array([w.friction for w in model.walls])
-        model.wall_distance = np.array(
-            [
-                (model.position[elements] - w.point) @ w.normal - radius[elements]
-                for w in model.walls
-            ]
-        )
+        _add_walls(model)
+        width = np.pi * radius if model.features.dim == 3 else 2.0 * model.contact_width
+        density = model.mass / model.element_volume
+        impedance = radius * width * np.sqrt(density * each["pressure_modulus"])
+        model.contact_impedance = float(impedance[elements].sum())
+
+
+def _add_walls(model: Model) -> None:
+    """Walls' shapes as the device knows them."""
+    walls, dim = model.walls, model.features.dim
+    model.wall_friction = np.array([w.friction for w in walls])
+    model.wall_kind = np.zeros(len(walls), dtype=np.int32)
+    model.wall_shape = np.zeros((len(walls), SHAPE_NUMBERS))
+    first, corners = np.zeros(len(walls), dtype=np.int32), [np.zeros((0, 3))]
+    for w, shape in enumerate(wall.shape for wall in walls):
+        row = model.wall_shape[w]
+        if isinstance(shape, Sphere | Cylinder):
+            row[3:6] = shape.radius, FAR, -1.0 if shape.hollow else 1.0
+        if isinstance(shape, Plane):
+            kind, row[:dim] = PLANE, shape.normal
+        elif isinstance(shape, Sphere):
+            kind = SPHERE
+        elif isinstance(shape, Cylinder):
+            kind, row[:3], row[4] = CYLINDER, shape.axis, min(0.5 * shape.length, FAR)
+        elif isinstance(shape, Box):
+            kind, row[:dim], row[3] = BOX, 0.5 * shape.size, shape.rounding
+        else:
+            kind = MESH
+            first[w] = sum(map(len, corners)) // 3
+            corners.append((shape.vertices - shape.place)[shape.faces].reshape(-1, 3))
+        model.wall_kind[w] = kind
+    if len(corners) > 1:
+        model.wall_first_face, model.face_place = first, np.concatenate(corners)
 
 
 def _group(fracture: Fracture, first: int, count: int) -> Group:

@@ -23,12 +23,20 @@ from .errors import (
 )
 from .model import build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
 from .renewal import carried, tessellate
-from .scene import Body, Scene, Servo, Wall
-from .stability import bound_contact, bound_damping, bound_frequency, largest_frequency, link_states
+from .scene import Body, Scene, Servo
+from .stability import (
+    HERTZ_OVERLAP,
+    bound_contact,
+    bound_damping,
+    bound_frequency,
+    largest_frequency,
+    link_states,
+)
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
 from .trouble import Distortion, Slips, Troubles, slid
+from .wall import Wall
 
 SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping, flow, viscous branches and renewals took
@@ -154,7 +162,7 @@ class Simulation:
             self._tell_of_times()
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
-        self._stopped = False
+        self._stopped = self._told_of_overlap = False
         self.seconds = 0.0
         self.initial_energies = self._measure()
 
@@ -530,9 +538,22 @@ class Simulation:
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
+        row = self._row(wall)
+        return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+
+    def wall_torque(self, wall: Wall) -> Array:
+        """Torque of all elements on a wall about its shape's place [N m], (1,) or (3,)."""
+        row = self._row(wall)
+        return self._step.download("wall_torque")[row].sum(axis=0, dtype=np.float64)
+
+    def wall_pose(self, wall: Wall) -> tuple[Array, Array]:
+        """Place of a wall's shape now [m], (dim,), and its orientation, as `orientation`."""
+        return wall.pose(self.time, self._step.wall_way[self._row(wall)])
+
+    def _row(self, wall: Wall) -> int:
         for row, mine in enumerate(self.model.walls):
             if mine is wall:
-                return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+                return row
         raise InputError("this wall is not in the simulation's scene.")
 
     def elements(self, body: Body) -> slice:
@@ -756,8 +777,36 @@ class Simulation:
                     f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
                 )
         self._check_speed(TooFastError)
+        self._check_overlap()
         for troubles in self._troubles:
             troubles.check(self._step)
+
+    def _check_overlap(self) -> None:
+        """Warn, once, of Hertz's contacts deeper than the time step is stable for."""
+        m = self.model
+        if m.contact is None or not m.contact.is_hertz or self._told_of_overlap:
+            return
+        assert m.contact_radius is not None and m.contact_compliance is not None
+        assert m.contact_elements is not None
+        i, j = self.contacts.T
+        radius, x = m.contact_radius, self.position
+        both = radius[i] + radius[j]
+        share = [1.0 - np.linalg.norm(x[j] - x[i], axis=1) / both]
+        if m.walls:  # by the force of each on each element
+            own = m.contact_elements
+            force = np.linalg.norm(self._step.download("wall_reaction"), axis=2)
+            stiffness = 4.0 / 3.0 * np.sqrt(radius[own]) / m.contact_compliance[own]
+            share.append(((force / stiffness) ** (2.0 / 3.0) / radius[own]).ravel())
+        worst = float(np.concatenate(share).max(initial=0.0))
+        if worst > HERTZ_OVERLAP:
+            self._told_of_overlap = True
+            warnings.warn(
+                f"elements overlap by {worst:.3g} of their radius; Hertz's law stiffens, and the "
+                f"time step is known to be stable up to {HERTZ_OVERLAP:g}. Take a smaller dt, or "
+                "law='linear'.",
+                ModelWarning,
+                stacklevel=3,
+            )
 
     def _check_speed(self, error: type[Exception]) -> None:
         """Refuse elements that would pass through others within a step."""
