@@ -20,7 +20,9 @@ from .errors import (
     first_ids,
     one_of,
 )
+from .kernels.memory import is_patched
 from .model import build, face_arms, state_arrays, with_moving_nodes, with_nodes
+from .passes import Team, cores
 from .scene import Body, Scene, Servo, Wall
 from .stability import bound_contact, bound_damping, bound_frequency, largest_frequency, link_states
 from .statics import Telling, equilibrate, natural_frequencies, relax
@@ -61,7 +63,8 @@ class Simulation:
     trouble: what happens when an EVM bond is twisted, bent or crushed beyond what its energy stands
     for (theory A5), or slips of plastic flow or creep go beyond 0.3 of a bond's length (theory
     B2a): "warn" once a bond, of slips once, or "stop" with a TroubledBondError.
-    simd: vectorise the CPU's loops where this Warp allows it.
+    simd: vectorise the CPU's loops where this Warp allows it. threads: of the CPU, for scenes of
+    many elements; results do not depend on their number.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
     """
@@ -76,6 +79,7 @@ class Simulation:
         local_damping: float = 0.0,
         trouble: str = "warn",
         simd: bool = True,
+        threads: int = 1,
     ) -> None:
         if not isinstance(scene, Scene):
             raise InputError(f"Simulation takes a Scene, not {type(scene).__name__}.")
@@ -127,6 +131,7 @@ class Simulation:
             self.device,
             simd,
             local_damping=local_damping,
+            team=_team(threads, self.device),
         )
         self._check_speed(InputError)
         self._step.evaluate_forces()
@@ -675,3 +680,23 @@ def _device(name: str) -> str:
     if name not in names:
         raise InputError(f"device is {name!r}; this machine has {', '.join(names)}.")
     return name
+
+
+def _team(threads: int, device: str) -> Team | None:
+    if not 1 <= int(threads) <= cores():
+        raise InputError(
+            f"threads is {threads}; this process may use {cores()} cores: give 1 to {cores()}."
+        )
+    if threads == 1:
+        return None
+    if device != "cpu":
+        raise InputError(f"threads is {threads}; threads are of a CPU, and device is {device!r}.")
+    if not is_patched():
+        warnings.warn(
+            "the code that this version of Warp writes for a CPU is not known to warpdem, so one "
+            "thread does all the work, in plain loops.",
+            ModelWarning,
+            stacklevel=3,
+        )
+        return None
+    return Team(int(threads))
