@@ -22,6 +22,7 @@ from .errors import (
     one_of,
 )
 from .model import build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
+from .passes import team_of
 from .renewal import carried, tessellate
 from .scene import Body, Scene, Servo
 from .stability import (
@@ -83,7 +84,8 @@ class Simulation:
     trouble: what happens when an EVM bond is twisted, bent or crushed beyond what its energy stands
     for (theory A5), or slips of plastic flow or creep go beyond 0.3 of a bond's length (theory
     B2a): "warn" once a bond, of slips once, or "stop" with a TroubledBondError.
-    simd: vectorise the CPU's loops where this Warp allows it.
+    simd: vectorise the CPU's loops where this Warp allows it. threads: of the CPU, for scenes of
+    many elements; results do not depend on their number.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
     """
@@ -98,6 +100,7 @@ class Simulation:
         local_damping: float = 0.0,
         trouble: str = "warn",
         simd: bool = True,
+        threads: int = 1,
     ) -> None:
         if not isinstance(scene, Scene):
             raise InputError(f"Simulation takes a Scene, not {type(scene).__name__}.")
@@ -141,6 +144,7 @@ class Simulation:
             )
         self.dt = float(dt)
         self._local_damping = local_damping
+        self._team = team_of(threads, self.device)
         self._step = self._stepping(state_arrays(self.model, scene))
         # before the last renewal of faces: how elements moved and deformed, what books held
         self._first_position = self.model.position
@@ -680,6 +684,7 @@ class Simulation:
             self.device,
             self._simd,
             local_damping=self._local_damping,
+            team=self._team,
         )
 
     def _renew_if_due(self) -> None:

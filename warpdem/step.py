@@ -66,6 +66,7 @@ from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .kernels.wall import wall_energies, wall_forces, wall_settle
 from .model import PLACES, Model
 from .neighbours import Neighbours
+from .passes import Passes, Team
 from .wall import Mesh, turn_between
 
 HOLDS = 1e20  # a friction that lets nothing slide
@@ -114,32 +115,6 @@ PRECISIONS = {
 }
 
 
-class Passes:
-    """Launches in order, replayed as one graph from their second time on.
-
-    A launch costs several microseconds, a node of a graph a fraction of one.
-    """
-
-    def __init__(self, launches: list[wp.Launch | None], device: str) -> None:
-        # a launch over nothing, as of the bonds of a single element, is None
-        self.launches = [x for x in launches if x is not None]
-        self.device = device
-        self.graph: wp.Graph | None = None
-
-    def launch(self) -> None:
-        """Launch them all."""
-        if self.graph is not None:
-            wp.capture_launch(self.graph)
-            return
-        for launch in self.launches:
-            launch.launch()
-        if self.launches:
-            with wp.ScopedCapture(device=self.device) as capture:
-                for launch in self.launches:
-                    launch.launch()
-            self.graph = capture.graph
-
-
 class Step:
     """A model's arrays on a device and the passes over them.
 
@@ -159,6 +134,7 @@ class Step:
         slack: float = 0.0,
         local_damping: float = 0.0,
         touches: bool = True,
+        team: Team | None = None,
     ) -> None:
         self.model, self.device, self.dt, self._slack = model, device, dt, slack
         self.local_damping = local_damping
@@ -177,7 +153,7 @@ class Step:
         if "retarded_time" in state:
             time = np.maximum(state["retarded_time"], 1e-300)
             self.upload("retarded_lost", -np.expm1(-dt / time))
-        self._simd = simd
+        self._simd, self._team = simd, team
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
@@ -1036,7 +1012,7 @@ class Step:
         return self._nothings[dtype]
 
     def _passes(self, launches: list[wp.Launch]) -> Passes:
-        return Passes(list(launches), self.device)
+        return Passes(list(launches), self.device, self._team)
 
     def _bind(self, kernel, dim: int, **given: Any) -> wp.Launch:
         """A recorded launch whose arguments are found by name.
