@@ -137,9 +137,9 @@ class ModeIIResult(Result):
     between Rayleigh's speed and that of S waves.
     """
 
+    final_over_p: float
     plateau_over_rayleigh: float
     plateau_spacings: float
-    final_over_p: float
     final_over_rayleigh: float
     rank_correlation: float
     forbidden_share: float
@@ -286,6 +286,7 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     rows = np.zeros(len(result.window_length), dtype=[("length", float), ("speed", float)])
     rows["length"], rows["speed"] = result.window_length, result.window_speed
     write_csv(where / "speeds.csv", rows, {"length": "m", "speed": "m/s"})
+    place = "from the surface" if p.start == "surface" else "in the bulk"
     speeds = {
         "Rayleigh waves": result.rayleigh_speed,
         "S waves": result.shear_speed,
@@ -293,6 +294,6 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     }
     draw_shear_crack(
         where / "crack.png", result.window_length, result.window_speed, speeds, result.field,
-        f"Mode II crack from the {p.start}, S = {p.s:g}, {result.elements} elements, {precision}",
+        f"Mode II crack {place}, S = {p.s:g}, {result.elements} elements, {precision}",
         crack_line=(p.centre, p.plane_height), tip=tip, reach=0.12 * p.length,
     )  # fmt: skip
