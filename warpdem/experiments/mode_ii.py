@@ -130,10 +130,10 @@ class ModeII:
 class ModeIIResult(Result):
     """What came out: plain levels, and speeds over windows of crack length.
 
-    plateau_over_rayleigh: mean of the windows at 0.88 to 1.02 of Rayleigh's speed before the first
-    faster one, plateau_spacings: crack length over which they last; final_over_p: median of the
-    last quarter of windows over the speed of P waves; rank_correlation: Spearman's of speed and
-    length; forbidden_share: of windows in steady stretches (three in a row within 3 %) those
+    plateau_over_rayleigh: median of all windows before the first above the speed of S waves, the
+    very first left out; plateau_spacings: longest stretch of growth at 0.88 to 1.02 of Rayleigh's
+    speed; final_over_p: median of the last quarter of windows over the speed of P waves;
+    rank_correlation: Spearman's of speed and length; forbidden_share: of windows in steady stretches (three in a row within 3 %) those
     between Rayleigh's speed and that of S waves.
     """
 
@@ -259,12 +259,17 @@ def _levels(length: Array, speed: Array, p: ModeII) -> dict[str, Any]:
         return found
     rayleigh = p.material.rayleigh_speed("strain")
     over = speed / rayleigh
-    fast = np.flatnonzero(over > PLATEAU[1])
-    slow = over[: fast[0]] if len(fast) else over
-    level = slow[slow >= PLATEAU[0]]
-    if len(level):
-        found["plateau_over_rayleigh"] = float(level.mean())
-        found["plateau_spacings"] = len(level) * WINDOW
+    fast = np.flatnonzero(speed > p.material.shear_speed())
+    before = over[1 : fast[0]] if len(fast) else over[1:]  # the first window is the start's
+    if len(before):
+        found["plateau_over_rayleigh"] = float(np.median(before))
+    longest = run = 0
+    for k, value in enumerate(over):
+        follows = k > 0 and length[k] - length[k - 1] < 1.5 * WINDOW * p.spacing
+        inside = PLATEAU[0] <= value <= PLATEAU[1]
+        run = (run + 1 if follows else 1) if inside else 0
+        longest = max(longest, run)
+    found["plateau_spacings"] = longest * WINDOW
     last = float(np.median(speed[-max(2, len(speed) // 4) :]))
     found["final_over_rayleigh"] = last / rayleigh
     found["final_over_p"] = last / p.material.pressure_speed("strain")

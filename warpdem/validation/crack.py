@@ -55,7 +55,7 @@ def mode_ii_in_the_bulk() -> Iterator[Measurement]:
 
 @case("crack", slow=True)
 def mode_ii_transition() -> Iterator[Measurement]:
-    """Crack at rest before, in the bulk: it stays below c_R at a high S, passes c_S at a low one.
+    """A crack in the bulk, cut suddenly: at a high S it stays near c_R, at a low one it passes c_S.
 
     Burridge and Andrews have the threshold at S = 1.77 for an infinite plate; gripped plates this
     high bound the crack's K_II, so that theirs is lower.
