@@ -133,8 +133,8 @@ class ModeIIResult(Result):
     plateau_over_rayleigh: median of all windows before the first above the speed of S waves, the
     very first left out; plateau_spacings: longest stretch of growth at 0.88 to 1.02 of Rayleigh's
     speed; final_over_p: median of the last quarter of windows over the speed of P waves;
-    rank_correlation: Spearman's of speed and length; forbidden_share: of windows in steady stretches (three in a row within 3 %) those
-    between Rayleigh's speed and that of S waves.
+    rank_correlation: Spearman's of speed and length; forbidden_share: of windows in
+    steady stretches (three in a row within 3 %) those between Rayleigh's speed and that of S waves.
     """
 
     final_over_p: float
