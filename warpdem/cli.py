@@ -98,7 +98,7 @@ def experiment(
     told = Experiment(name, title, parameters, function, files)
     EXPERIMENTS[name] = told
 
-    def command(out: Path, compile_only: bool, **given: Any) -> None:
+    def command(out: Path, compile_only: bool, threads: int, **given: Any) -> None:
         console.print(f"warpdem {version('warpdem')}: {title}")
         chosen = told.build(given)
 
@@ -112,6 +112,7 @@ def experiment(
             chosen,
             device=given["device"],
             precision=given["precision"],
+            threads=threads,
             out=None if compile_only else out,
             observers=observers,
             say=console.print,
@@ -128,6 +129,7 @@ def experiment(
     options = [_option(d.name, d.kind, d.default, d.help) for d in told.described.values()]
     options += [
         _option("out", Path, Path("out") / name, "Folder for the results."),
+        _option("threads", int, 1, "Threads of the CPU; results do not depend on them."),
         _option("compile_only", bool, False, "Compile the kernels and stop before the first step."),
     ]
     _add(run, told, command, options)

@@ -132,6 +132,7 @@ def mode_i(
     *,
     device: str = "cpu",
     precision: str = "float64",
+    threads: int = 1,
     out: str | Path | None = None,
     observers: Callable[[Simulation, CrackTracker], list[Observer]] | None = None,
     say: Say = silent,
@@ -160,7 +161,7 @@ def mode_i(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size)
+    sim = build(scene, device, precision, say, size, threads=threads)
     rayleigh = p.material.rayleigh_speed("strain")
     window = p.length / 12.0
     # the last twelfth of the plate feels the free edge and is left out

@@ -233,6 +233,7 @@ class Options(TypedDict, total=False):
 
     device: str
     precision: str
+    threads: int
     out: str | Path | None
     observers: Observers | None
     say: Say
@@ -244,6 +245,7 @@ def rock_test(
     *,
     device: str = "cpu",
     precision: str = "float64",
+    threads: int = 1,
     out: str | Path | None = None,
     observers: Observers | None = None,
     say: Say = silent,
@@ -253,7 +255,8 @@ def rock_test(
 
     out: folder for test.png, scene.usd, stress_strain.csv, broken_bonds.csv and run.json; None
     writes nothing. observers: makes further observers of the run; say: is told what happens, line
-    by line; frames: of the USD scene, about. Raises InputError for parameters that cannot be run.
+    by line; frames: of the USD scene, about; threads: of the CPU. Raises InputError for parameters
+    that cannot be run.
     """
     began = time.perf_counter()
     where = None if out is None else folder(out)
@@ -264,7 +267,7 @@ def rock_test(
     guard(rig.body, rig.low | rig.high, rig.guarded)
     if isfinite(p.weibull):
         rig.scene.scatter_strength(rig.body, p.weibull, p.seed)
-    sim = build(rig.scene, device, precision, say, rig.size, local_damping=p.damping)
+    sim = build(rig.scene, device, precision, say, rig.size, p.damping, threads)
     history = rig.history
     sim.observe(history)
     sim.observe(_Rolling())

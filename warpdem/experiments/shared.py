@@ -74,11 +74,19 @@ def run_numbers(sim: Simulation) -> dict[str, Any]:
 
 
 def build(
-    scene: Scene, device: str, precision: str, say: Say, size: str, local_damping: float = 0.0
+    scene: Scene,
+    device: str,
+    precision: str,
+    say: Say,
+    size: str,
+    local_damping: float = 0.0,
+    threads: int = 1,
 ) -> Simulation:
     """The simulation of a scene; tells its size and its time step."""
     say("compiling kernels, once for each kind of scene; later runs take them from disk")
-    sim = Simulation(scene, device=device, precision=precision, local_damping=local_damping)
+    sim = Simulation(
+        scene, device=device, precision=precision, local_damping=local_damping, threads=threads
+    )
     say(
         f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
         f"{sim.bytes / 1e6:.0f} MB; {size}"

@@ -400,7 +400,8 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
                 closing_debt[t] = closing_debt[t] + owed
                 any_crossed[0] = 1
 
-    return kernel(evm_closing, simd)
+    # plain code: nearly all listed bonds are linked, and a vector would work them out all the same
+    return kernel(evm_closing, simd=False)
 
 
 @cache

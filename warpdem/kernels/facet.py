@@ -232,7 +232,8 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True)
                 closing_debt[t] = closing_debt[t] + owed
                 any_crossed[0] = 1
 
-    return kernel(facet_closing, simd)
+    # plain code: nearly all listed bonds are linked, and a vector would work them out all the same
+    return kernel(facet_closing, simd=False)
 
 
 @cache
