@@ -15,18 +15,19 @@ ALLOWED = {
     "contact": {"errors", "packing"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
+    "relinking": {"errors"},
     "viscoelasticity": {"errors"},
     "packing": {"errors", "section"},
     "scene": {
         *("errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"),
-        *("contact", "viscoelasticity"),
+        *("contact", "relinking", "viscoelasticity"),
     },
     "model": {
         *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
-        "contact",
+        *("contact", "relinking"),
     },
     "neighbours": {"errors", "kernels", "model"},
-    "step": {"kernels", "model", "neighbours"},
+    "step": {"kernels", "model", "neighbours", "relinking"},
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
@@ -34,6 +35,7 @@ ALLOWED = {
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
+        "relinking",
     },
     "observe": {"errors", "fields"},
     "write": {"errors", "fields", "observe"},
@@ -44,7 +46,7 @@ ALLOWED = {
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
         *("calibration", "moduli", "observe", "statics", "experiments", "plasticity", "toughness"),
-        "viscoelasticity",
+        *("relinking", "viscoelasticity"),
     },
     "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
 }

@@ -15,6 +15,7 @@ from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, 
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
+from .relinking import Healing
 from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 
@@ -45,6 +46,7 @@ class Body:
     yielding: tuple[YieldLaw | None, ...]  # of each material
     viscous: tuple[ViscousLaw | None, ...]  # likewise
     finite_strain: bool = False
+    healing: Healing | None = None
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -118,7 +120,12 @@ class Body:
         """Bonds that may break, (b,)."""
         if self.fracture is None:
             return np.zeros(len(self.linked), dtype=bool)
-        return self.linked & np.isfinite(self.strength_factor)
+        return (self.linked | self.heals) & np.isfinite(self.strength_factor)
+
+    @property
+    def heals(self) -> Mask:
+        """Bonds that are linked again by a law of healing, once they are unlinked, (b,)."""
+        return np.full(len(self.linked), self.healing is not None)
 
 
 @dataclass(eq=False)
@@ -168,6 +175,7 @@ class Scene:
         yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
         viscous: ViscousLaw | Sequence[ViscousLaw | None] | None = None,
         finite_strain: bool = False,
+        healing: Healing | None = None,
     ) -> Body:
         """Add a body.
 
@@ -185,6 +193,7 @@ class Scene:
         moduli are the instantaneous ones, of KelvinVoigt those of the spring.
         finite_strain: volumes, stresses and flow follow the elements' deformation gradients, for
         plastic strains beyond a few per cent (theory B6); of all bodies of a scene or of none.
+        healing: the law by which its unlinked bonds, broken or cut, are linked again (theory B11).
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -240,12 +249,14 @@ class Scene:
         _no_mixture(laws, creep)
         _check_fracture(packing, bond, laws, creep, fracture)
         has_volume |= any(law is not None for law in (*laws, *creep))
+        if healing is not None:
+            _check_healing(bond, fracture, facet_bending, finite_strain, healing)
         if finite_strain:
             _check_finite(materials, bond, fracture, volume, laws, creep)
             has_volume = True
         body = Body(
             packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep,
-            finite_strain,
+            finite_strain, healing,
         )  # fmt: skip
         if toughness is not None:
             body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
@@ -827,6 +838,28 @@ def _no_mixture(laws: tuple[YieldLaw | None, ...], creep: tuple[ViscousLaw | Non
             "shared between the two is not known here. For flow that depends on the rate give the "
             "yield law a rate, Perzyna or JohnsonCook."
         )
+
+
+def _check_healing(
+    bond: str | EVMBond,
+    fracture: Fracture | None,
+    facet_bending: bool,
+    finite_strain: bool,
+    healing: Healing,
+) -> None:
+    if not isinstance(healing, Healing):
+        raise InputError(f"healing is {healing!r}; give a Healing.")
+    if isinstance(bond, EVMBond) or facet_bending:
+        raise InputError(
+            "healing is for facet bonds without facet_bending: bonds that resist bending would "
+            "have to be linked again with a turned rest state, which they do not have."
+        )
+    if isinstance(fracture, LinearSoftening):
+        raise InputError(
+            "bonds that soften do not heal; take the criterion without LinearSoftening."
+        )
+    if finite_strain:
+        raise InputError("healing is not for bodies at finite strain; leave one of both out.")
 
 
 def _check_finite(
