@@ -924,8 +924,8 @@ def _unlike(
     differ &= np.concatenate([*linked, np.zeros(0, dtype=bool)])
     if bad.any():
         raise InputError(
-            f"bonds {first_ids(bad)} join unlike materials and may break or heal; give them an infinite "
-            "strength (scene.set_strength), or the whole body one material."
+            f"bonds {first_ids(bad)} join unlike materials and may break or heal; give them an "
+            "infinite strength (scene.set_strength), or the whole body one material."
         )
     return np.flatnonzero(differ)
 

@@ -39,9 +39,9 @@ class RelinkLog:
     """Rows of the log of links made again, and of breaks that these would have overwritten."""
 
     # listed bond, step, pressure, shear stress, energy released
-    links: list[tuple[Array, ...]] = field(default_factory=list)
+    links: list[tuple[NDArray, ...]] = field(default_factory=list)
     # listed bond, step, normal stress, shear stress, energy released
-    breaks: list[tuple[Array, ...]] = field(default_factory=list)
+    breaks: list[tuple[NDArray, ...]] = field(default_factory=list)
 
     def add(
         self, rows: NDArray[np.int64], step: int, link: dict[str, Array], last: dict[str, Array]
@@ -62,9 +62,9 @@ class RelinkLog:
         bond, _step, _normal, _shear, energy = joined(self.breaks)
         at = bond.astype(np.int64)
         size = int(max(at.max(initial=-1), rows.max(initial=-1))) + 1
-        return np.bincount(at, energy, minlength=size)[rows]
+        return np.asarray(np.bincount(at, energy, minlength=size)[rows], dtype=np.float64)
 
 
-def joined(parts: list[tuple[Array, ...]]) -> tuple[Array, ...]:
+def joined(parts: list[tuple[NDArray, ...]]) -> tuple[NDArray, ...]:
     """Five columns of all parts, one after the other."""
     return tuple(np.concatenate([np.zeros(0), *(p[n] for p in parts)]) for n in range(5))

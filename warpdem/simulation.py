@@ -490,7 +490,7 @@ class Simulation:
         normal, shear, energy = (
             self._step.download("break_" + x)[rows] for x in ("normal", "shear", "energy")
         )
-        columns = rows, step[rows], normal, shear, energy
+        columns: tuple[NDArray, ...] = (rows, step[rows], normal, shear, energy)
         if m.healing:  # breaks of bonds that were linked again come from their own log
             columns = (*columns[:4], energy - self._step.relinks.booked(rows))
             columns = joined([columns, *self._step.relinks.breaks])
@@ -520,7 +520,7 @@ class Simulation:
         return np.searchsorted(m.own_bonds, m.listed_bonds[self._step.waiting()])
 
     def _log_of(
-        self, kinds: list[tuple[str, type | str]], columns: tuple[Array, ...], stress: str
+        self, kinds: list[tuple[str, type | str]], columns: tuple[NDArray, ...], stress: str
     ) -> NDArray[np.void]:
         """A log in order of time from listed bonds, steps, two stresses and energies."""
         m = self.model
@@ -556,9 +556,9 @@ class Simulation:
         and whatever touches): held now; friction: taken by slip; fracture: released by breaking
         bonds; damping: taken by dashpots, local damping, absorbing sides and restitution; plastic:
         dissipated by plastic flow; viscous: by branches; healing: released by links made again,
-        negative where these took from what their breaks had released; work: done by moving grips and walls,
-        outer loads and a periodic box; integrator: velocity Verlet's own term (theory B13), its
-        jumps at breaking bonds included; residual: what is missing from their balance.
+        negative where these took from what their breaks had released; work: done by moving grips
+        and walls, outer loads and a periodic box; integrator: velocity Verlet's own term (theory
+        B13), its jumps at breaking bonds included; residual: what is missing from their balance.
         """
         ledger = self._measure()
         before, now = (

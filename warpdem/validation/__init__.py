@@ -11,6 +11,7 @@ from . import (  # noqa: F401  they register
     incremental,
     mca,
     plastic,
+    relink,
     rock,
     visco,
     waves,
