@@ -13,6 +13,7 @@ ALLOWED = {
     "bond": {"errors", "material", "section"},
     "criteria": {"errors", "fields", "section"},
     "contact": {"errors", "packing"},
+    "wall": {"errors"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
     "relinking": {"errors"},
@@ -20,25 +21,27 @@ ALLOWED = {
     "packing": {"errors", "section"},
     "scene": {
         *("errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"),
-        *("contact", "relinking", "viscoelasticity"),
+        *("contact", "relinking", "viscoelasticity", "wall"),
     },
     "model": {
         *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
-        *("contact", "relinking"),
+        *("contact", "relinking", "wall"),
     },
     "neighbours": {"errors", "kernels", "model"},
-    "step": {"kernels", "model", "neighbours", "relinking"},
+    "passes": {"errors", "kernels"},
+    "step": {"kernels", "model", "neighbours", "passes", "relinking", "wall"},
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
+    "renewal": {"errors", "model", "packing", "step"},
     "moduli": {"errors", "bond", "material", "packing"},
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
-        "relinking",
+        *("passes", "relinking", "renewal", "wall"),
     },
     "observe": {"errors", "fields"},
-    "write": {"errors", "fields", "observe"},
+    "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
     },
@@ -46,9 +49,11 @@ ALLOWED = {
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
         *("calibration", "moduli", "observe", "statics", "experiments", "plasticity", "toughness"),
-        *("relinking", "viscoelasticity"),
+        *("relinking", "viscoelasticity", "wall"),
     },
-    "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
+    "sweeps": {"errors", "experiments", "write"},
+    "cli": {"errors", "experiments", "observe", "simulation", "sweeps", "validation", "write"},
+    "__main__": {"cli"},
 }
 
 
