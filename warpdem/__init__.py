@@ -43,6 +43,7 @@ from .observe import (
 )
 from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
+from .relinking import Healing
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
@@ -72,6 +73,7 @@ __all__ = [
     "EVMBond",
     "FracturePlane",
     "FragmentTracker",
+    "Healing",
     "HuberMisesHencky",
     "Incubation",
     "InputError",

@@ -68,7 +68,7 @@ def bonded_rows(
     degree = np.bincount(both[:, 0], minlength=n)
     first = np.concatenate([[0], np.cumsum(degree)])
     start = np.concatenate([[0], np.cumsum(degree[elements])])
-    rows = [np.arange(first[i], first[i + 1]) for i in elements]
-    entries = np.concatenate([*rows, np.zeros(0, np.int64)]).astype(np.int64)
+    rows = np.repeat(first[elements] - start[:-1], degree[elements])
+    entries = rows + np.arange(start[-1])
     which = order[entries] % max(len(pairs), 1)
     return start.astype(np.int32), both[entries, 1].astype(np.int32), which.astype(np.int32)

@@ -24,6 +24,7 @@ from .kernels.plastic import Flow
 from .kernels.wall import BOX, CYLINDER, FAR, MESH, PLANE, SPHERE
 from .kernels.wall import NUMBERS as SHAPE_NUMBERS
 from .plasticity import Nikolaevsky, Table, YieldLaw
+from .relinking import Healing
 from .scene import Body, History, Scene, StrainHistory
 from .viscoelasticity import ViscousLaw
 from .wall import Box, Cylinder, Plane, Sphere, Wall
@@ -84,6 +85,7 @@ class Features:
         """Whether slips ask for the mean stress m_i of theory B6; of yield in plane stress for
         another."""
         own = self.plane != "stress" or self.faces.has_creep or self.finite_strain
+        own &= not self.faces.has_rest  # links made again ask for none
         return self.faces.has_slip and own
 
     @property
@@ -104,6 +106,15 @@ class Group:
     test: Test
     numbers: tuple[float, ...]  # four
     rate: tuple[float, float]  # time [s] and exponent of damage
+    first: int
+    count: int
+
+
+@dataclass(frozen=True)
+class HealingGroup:
+    """Listed bonds of one body that heals: [first, first + count)."""
+
+    law: Healing
     first: int
     count: int
 
@@ -177,6 +188,10 @@ class Model:
     listed_elements: Ids | None = None  # elements of the listed bonds
     bond_strength: Array | None = None  # of the listed bonds
     softening_end: Array | None = None  # of the listed bonds: ratio at which no stress is left
+    healing: tuple[HealingGroup, ...] = ()
+    healing_stiffness: Array | None = None  # of the listed facet bonds: k, linked again
+    healing_weight: Array | None = None  # likewise w
+    healing_strength: Array | None = None  # of the listed bonds
     near_bonds: Ids | None = None  # all bonds of the listed elements
     near_elements: Ids | None = None  # all elements of the near bonds
     near_facets: int = 0  # near bonds that are facet bonds, stored first
@@ -362,6 +377,8 @@ def state_arrays(
                 state["wall_spring"] = np.zeros((walls, rows, f.dim))
             if model.contact.restitution < 1.0:
                 state["wall_opened"] = np.zeros((walls, rows), dtype=np.int32)
+    if f.faces.has_rest:
+        state |= _healing_arrays(model)
     if f.has_volume:
         assert model.bond_weight is not None
         state["bond_weight"] = model.bond_weight * linked[:-1]
@@ -433,6 +450,23 @@ def state_arrays(
             state["bond_keep"] = np.ones(b + 1)
         if f.has_volume:
             state["element_release"] = np.zeros(n)
+    return state
+
+
+def _healing_arrays(model: Model) -> dict[str, NDArray]:
+    """State of bonds that link again, and of what their links start from."""
+    dim, facets = model.features.dim, model.facet_listed
+    state: dict[str, NDArray] = {"bond_slip": np.zeros((2 * model.facet_bonds, dim))}
+    if model.features.has_volume:
+        state["rest_dilation"] = np.zeros(2 * model.bonds)
+    if model.evm_bonds:  # these do not heal
+        state["evm_slip"] = np.zeros(model.evm_bonds)
+        state["evm_tilt"] = np.zeros((2 * model.evm_bonds, dim))
+    names = ("healing_time", "healing_start", "relink_energy", "relink_released")
+    for name in (*names, "relink_normal", "relink_shear"):
+        state[name] = np.zeros(facets)
+    state["healing_state"] = np.zeros(facets, dtype=np.int32)
+    state["any_healed"] = np.zeros(1, dtype=np.int32)
     return state
 
 
@@ -711,6 +745,9 @@ def build(scene: Scene) -> Model:
     branches = max((len(law.series()[0]) for law in viscous), default=0)
     external = bool(each["force"].any()), bool(each["torque"].any()), len(timed)
     has_grips = len(scene.grip_histories) > 1
+    heals = any(b.healing is not None for b in bodies)
+    if heals:
+        _check_healing(scene, bool(laws), bool(viscous))
     features = Features(
         dim=dim,
         plane_strain=packing.plane == "strain",
@@ -737,8 +774,9 @@ def build(scene: Scene) -> Model:
         faces=Faces(
             faces.is_central and not renews,
             has_jump=has_jump,
-            has_slip=bool(laws) or branches > 0,
+            has_slip=bool(laws) or branches > 0 or heals,
             has_creep=branches > 0,
+            has_rest=heals,
         ),
     )
     model = Model(
@@ -801,6 +839,21 @@ def build(scene: Scene) -> Model:
     if scene.contacts is not None:
         _add_contact(model, scene, each)
     return model
+
+
+def _check_healing(scene: Scene, has_yield: bool, has_creep: bool) -> None:
+    """Refuse what links made again do not know of."""
+    if has_yield or has_creep:
+        raise InputError(
+            "healing is for elastic bodies: links made again do not know of slips that flow or "
+            "creep has left; leave yielding and viscous, or healing, out of the scene."
+        )
+    rubs = scene.contacts is not None and scene.contacts.friction > 0.0
+    if not rubs and any(b.healing is not None and b.healing.work > 0.0 for b in scene.bodies):
+        raise InputError(
+            "healing after work of slip needs friction: call scene.contact(friction=...), or "
+            "leave work at 0."
+        )
 
 
 def _renews(scene: Scene, has_nodes: bool) -> bool:
@@ -960,17 +1013,17 @@ def _unlike(
 ) -> NDArray[np.int64]:
     """Linked facet bonds between elements of unlike stiffness (theory B4)."""
     linked = [b.linked for b in stored if not isinstance(b.bond, EVMBond)]
-    can_break = [b.breakable for b in stored if not isinstance(b.bond, EVMBond)]
+    can_break = [b.breakable | b.heals for b in stored if not isinstance(b.bond, EVMBond)]
     differ = np.zeros(len(pairs), dtype=bool)
     for name in ("two_shear", "coupling", "viscous"):
         x = each[name][pairs]
         differ |= np.abs(x[:, 0] - x[:, 1]) > 1e-12 * np.abs(x).max(axis=1)
-    differ &= np.concatenate([*linked, np.zeros(0, dtype=bool)])
     bad = differ & np.concatenate([*can_break, np.zeros(0, dtype=bool)])
+    differ &= np.concatenate([*linked, np.zeros(0, dtype=bool)])
     if bad.any():
         raise InputError(
-            f"bonds {first_ids(bad)} join unlike materials and may break; give them an infinite "
-            "strength (scene.set_strength), or the whole body one material."
+            f"bonds {first_ids(bad)} join unlike materials and may break or heal; give them an "
+            "infinite strength (scene.set_strength), or the whole body one material."
         )
     return np.flatnonzero(differ)
 
@@ -1312,6 +1365,8 @@ def _add_lists(
     at = first = 0
     facet_bodies = [b for b in stored if not isinstance(b.bond, EVMBond)]
     ends: list[Array] = []
+    healing: list[HealingGroup] = []
+    share: list[Array] = []
     for body, mask in zip(stored, unlinked, strict=True):
         breakable = np.flatnonzero(body.breakable)
         cut = np.flatnonzero(mask & ~body.breakable)
@@ -1326,6 +1381,10 @@ def _add_lists(
         if isinstance(body.fracture, LinearSoftening) and len(breakable):
             ends[-1][: len(breakable)] = _softening_end(body, body.fracture, breakable)
         listed += [breakable + at, cut + at]
+        count = len(breakable) + len(cut)
+        share.append(np.full(count, 1.0 if body.healing is None else body.healing.strength))
+        if body.healing is not None and count:
+            healing.append(HealingGroup(body.healing, first, count))
         ids = np.concatenate([breakable, cut])
         if isinstance(body.bond, EVMBond):
             assert model.evm_stiffness is not None
@@ -1343,11 +1402,21 @@ def _add_lists(
     model.closing_stiffness = np.concatenate(closing)
     touched = np.stack([model.bond_i, model.bond_j])[:, model.listed_bonds]
     model.listed_elements = np.unique(touched).astype(np.int32)
+    if healing:
+        model.healing = tuple(healing)
+        facets = model.listed_bonds[: model.facet_listed]
+        assert model.facet_stiffness is not None
+        model.healing_stiffness = model.facet_stiffness[facets]
+        if model.bond_weight is not None:
+            model.healing_weight = model.bond_weight[facets]
+        if groups:
+            model.healing_strength = np.concatenate(share) * np.concatenate(strength)
     if groups:
         model.criteria = tuple(groups)
         model.bond_strength = np.concatenate(strength)
         if any(group.test.softens for group in groups):
             model.softening_end = np.concatenate(ends)
+    if groups or healing:
         near = np.unique(model.incidence[:, model.listed_elements] >> 1)
         model.near_bonds = near[near < model.bonds].astype(np.int32)
         model.near_facets = int((model.near_bonds < model.facet_bonds).sum())

@@ -15,6 +15,7 @@ from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, 
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
+from .relinking import Healing
 from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
@@ -47,6 +48,7 @@ class Body:
     viscous: tuple[ViscousLaw | None, ...]  # likewise
     finite_strain: bool = False
     renew_faces: float | None = None  # slip over length beyond which faces are renewed
+    healing: Healing | None = None
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -120,7 +122,12 @@ class Body:
         """Bonds that may break, (b,)."""
         if self.fracture is None:
             return np.zeros(len(self.linked), dtype=bool)
-        return self.linked & np.isfinite(self.strength_factor)
+        return (self.linked | self.heals) & np.isfinite(self.strength_factor)
+
+    @property
+    def heals(self) -> Mask:
+        """Bonds that are linked again by a law of healing, once they are unlinked, (b,)."""
+        return np.full(len(self.linked), self.healing is not None)
 
 
 @dataclass(eq=False)
@@ -171,6 +178,7 @@ class Scene:
         viscous: ViscousLaw | Sequence[ViscousLaw | None] | None = None,
         finite_strain: bool = False,
         renew_faces: float | None = None,
+        healing: Healing | None = None,
     ) -> Body:
         """Add a body.
 
@@ -191,6 +199,7 @@ class Scene:
         renew_faces: with finite_strain and a yield law, the slip of a bond over its length, usually
         0.3, beyond which all faces of the body are made anew from the places that its elements
         then have (theory B6); None: faces stay those between the first neighbours.
+        healing: the law by which its unlinked bonds, broken or cut, are linked again (theory B11).
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -246,6 +255,8 @@ class Scene:
         _no_mixture(laws, creep)
         _check_fracture(packing, bond, laws, creep, fracture)
         has_volume |= any(law is not None for law in (*laws, *creep))
+        if healing is not None:
+            _check_healing(bond, fracture, facet_bending, finite_strain, healing)
         if finite_strain:
             _check_finite(materials, bond, fracture, volume, laws, creep)
             has_volume = True
@@ -253,7 +264,7 @@ class Scene:
             _check_renewal(packing, finite_strain, laws, facet_bending, renew_faces)
         body = Body(
             packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep,
-            finite_strain, renew_faces,
+            finite_strain, renew_faces, healing,
         )  # fmt: skip
         if toughness is not None:
             body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
@@ -912,6 +923,28 @@ def _no_mixture(laws: tuple[YieldLaw | None, ...], creep: tuple[ViscousLaw | Non
             "shared between the two is not known here. For flow that depends on the rate give the "
             "yield law a rate, Perzyna or JohnsonCook."
         )
+
+
+def _check_healing(
+    bond: str | EVMBond,
+    fracture: Fracture | None,
+    facet_bending: bool,
+    finite_strain: bool,
+    healing: Healing,
+) -> None:
+    if not isinstance(healing, Healing):
+        raise InputError(f"healing is {healing!r}; give a Healing.")
+    if isinstance(bond, EVMBond) or facet_bending:
+        raise InputError(
+            "healing is for facet bonds without facet_bending: bonds that resist bending would "
+            "have to be linked again with a turned rest state, which they do not have."
+        )
+    if isinstance(fracture, LinearSoftening):
+        raise InputError(
+            "bonds that soften do not heal; take the criterion without LinearSoftening."
+        )
+    if finite_strain:
+        raise InputError("healing is not for bodies at finite strain; leave one of both out.")
 
 
 def _check_finite(

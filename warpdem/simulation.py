@@ -23,6 +23,7 @@ from .errors import (
 )
 from .model import build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
 from .passes import team_of
+from .relinking import joined
 from .renewal import carried, tessellate
 from .scene import Body, Scene, Servo
 from .stability import (
@@ -43,7 +44,7 @@ SAFETY = 0.8  # share of the stability limit taken by default
 # energies held at an instant, and what damping, flow, viscous branches and renewals took
 HELD = (
     *("kinetic", "pair", "volume", "contact", "integrator"),
-    *("friction", "damping", "plastic", "viscous", "renewal"),
+    *("friction", "damping", "plastic", "viscous", "renewal", "healing"),
 )
 SERVO_EVERY = 5  # steps between looks of a servo at its traction
 SERVO_GAIN = 0.5  # share of the lacking traction that it makes good for at a look
@@ -160,7 +161,7 @@ class Simulation:
             self._troubles.append(Troubles(self.model, self._ids(), stops=trouble == "stop"))
         if self.model.features.finite_strain:
             self._troubles.append(Distortion(self.dt_limit))
-        elif self.model.features.faces.has_slip:
+        elif self.model.features.faces.has_slip and not self.model.healing:
             self._troubles.append(Slips(self.model, self._ids(), stops=trouble == "stop"))
         if self.model.features.branches:
             self._tell_of_times()
@@ -587,19 +588,57 @@ class Simulation:
             return np.zeros(0, dtype=kinds)
         step = self._step.download("break_step")[m.listed_bonds]
         rows = np.flatnonzero(step >= 0)
-        rows = rows[np.lexsort((m.listed_bonds[rows], step[rows]))]
+        normal, shear, energy = (
+            self._step.download("break_" + x)[rows] for x in ("normal", "shear", "energy")
+        )
+        columns: tuple[NDArray, ...] = (rows, step[rows], normal, shear, energy)
+        if m.healing:  # breaks of bonds that were linked again come from their own log
+            columns = (*columns[:4], energy - self._step.relinks.booked(rows))
+            columns = joined([columns, *self._step.relinks.breaks])
+        log = self._log_of(kinds, columns, "normal_stress")
+        log["mode"] = np.where(log["normal_stress"] >= log["shear_stress"], "normal", "shear")
+        return log
+
+    def relinked_bonds(self) -> NDArray[np.void]:
+        """Log of bonds linked again (`Healing`) in order of time, a structured array with the
+        fields
+
+        bond, i, j, step, time [s], x, y, z [m] (reference place of the face), pressure and
+        shear_stress [Pa] of the contact then, and released_energy [J]: negative where the link took
+        some of what the bond's breaks had released.
+        """
+        kinds: list[tuple[str, type | str]] = [(x, int) for x in ("bond", "i", "j", "step")]
+        names = "time", "x", "y", "z", "pressure", "shear_stress", "released_energy"
+        kinds += [(x, float) for x in names]
+        return self._log_of(kinds, joined(self._step.relinks.links), "pressure")
+
+    def waiting_bonds(self) -> NDArray[np.int64]:
+        """Bonds whose law of healing is met now, and that stay unlinked because the link would
+        need more energy than their breaks have released."""
+        m = self.model
+        if not m.healing or m.listed_bonds is None:
+            return np.zeros(0, dtype=np.int64)
+        return np.searchsorted(m.own_bonds, m.listed_bonds[self._step.waiting()])
+
+    def _log_of(
+        self, kinds: list[tuple[str, type | str]], columns: tuple[NDArray, ...], stress: str
+    ) -> NDArray[np.void]:
+        """A log in order of time from listed bonds, steps, two stresses and energies."""
+        m = self.model
+        log = np.zeros(len(columns[0]), dtype=kinds)
+        if not len(log) or m.listed_bonds is None:
+            return log
+        rows, step = (np.asarray(x, dtype=np.int64) for x in columns[:2])
+        order = np.lexsort((m.listed_bonds[rows], step))
+        rows, step = rows[order], step[order]
         bond = m.listed_bonds[rows]
-        log = np.zeros(len(rows), dtype=kinds)
         log["bond"] = np.searchsorted(m.own_bonds, bond)
         log["i"], log["j"] = m.bond_i[bond], m.bond_j[bond]
-        log["step"], log["time"] = step[rows], step[rows] * self.dt
+        log["step"], log["time"] = step, step * self.dt
         place = m.position[m.bond_i[bond]] + face_arms(m)[bond]
         for axis, name in zip(range(m.features.dim), "xyz", strict=False):
             log[name] = place[:, axis]
-        log["normal_stress"] = self._step.download("break_normal")[rows]
-        log["shear_stress"] = self._step.download("break_shear")[rows]
-        log["mode"] = np.where(log["normal_stress"] >= log["shear_stress"], "normal", "shear")
-        log["released_energy"] = self._step.download("break_energy")[rows]
+        log[stress], log["shear_stress"], log["released_energy"] = (x[order] for x in columns[2:])
         return log
 
     def troubled_bonds(self) -> NDArray[np.void]:
@@ -617,10 +656,11 @@ class Simulation:
         kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs
         and whatever touches): held now; friction: taken by slip; fracture: released by breaking
         bonds; damping: taken by dashpots, local damping, absorbing sides and restitution; plastic:
-        dissipated by plastic flow; viscous: by branches; work: done by moving grips and walls,
-        outer loads and a periodic box; integrator: velocity Verlet's own term (theory B13), its
-        jumps at breaking bonds included; renewal: lost with old faces; residual: what is missing
-        from their balance.
+        dissipated by plastic flow; viscous: by branches; healing: released by links made again,
+        negative where these took from what their breaks had released; work: done by moving grips
+        and walls, outer loads and a periodic box; integrator: velocity Verlet's own term (theory
+        B13), its jumps at breaking bonds included; renewal: lost with old faces; residual: what
+        is missing from their balance.
         """
         ledger = self._measure()
         before, now = (

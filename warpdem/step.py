@@ -45,6 +45,7 @@ from .kernels.fracture import break_beams, break_bonds, criterion_numbers, log_b
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
 from .kernels.relaxation import fire, fire_power
+from .kernels.relink import LINKS, WAITS, drop_rest, heal_bonds, join_faces, link_bonds
 from .kernels.stress import element_stress
 from .kernels.viscous import (
     box_rates,
@@ -67,6 +68,7 @@ from .kernels.wall import wall_energies, wall_forces, wall_settle
 from .model import PLACES, Model
 from .neighbours import Neighbours
 from .passes import Passes, Team
+from .relinking import RelinkLog
 from .wall import Mesh, turn_between
 
 HOLDS = 1e20  # a friction that lets nothing slide
@@ -91,6 +93,8 @@ OPTIONAL = frozenset(
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
         *("contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         "restitution_energy",
+        *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
+        *("healing_weight", "healing_strength"),
         *("wall_mesh", "wall_first_face", "face_place", "wall_opened", "wall_spring"),
     }
 )
@@ -102,9 +106,9 @@ SUMS = frozenset(
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
         *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
+        *("closing_slip_energy", "relink_energy", "healing_start"),
         *("wall_shape", "face_place"),
         *("wall_place", "wall_place_before", "wall_turn", "wall_turn_before"),
-        "closing_slip_energy",
     }
 )
 # arithmetic of forces, arithmetic of places
@@ -160,6 +164,7 @@ class Step:
         self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
+        self.relinks = RelinkLog()
         self.neighbours: Neighbours | None = None
         self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
         self._meshes = self._build_meshes()
@@ -187,6 +192,8 @@ class Step:
             self._settle_contact.launch()
         if self.model.criteria and self._raised("any_broken"):
             self.break_bonds()
+        elif self.model.healing and self._raised("any_healed"):
+            self.relink_bonds()
 
     def set_factors(self, time: float | None = None) -> None:
         """Loads as at this instant, grips' velocities as in the middle of the next step, and the
@@ -322,6 +329,31 @@ class Step:
         self._mend.launch()
         self.integrator_released += before - self._near_integrator_energy()
 
+    def relink_bonds(self) -> None:
+        """Link the bonds that were found to, at this instant, with the forces they have.
+
+        As at a break, the finishing half kick is made before it and unmade after it.
+        """
+        self._note_links()
+        before = self._near_integrator_energy()
+        self._relink.launch()
+        self.integrator_released += before - self._near_integrator_energy()
+
+    def _note_links(self) -> None:
+        """Write down the links about to be made, and the breaks that these bonds come from."""
+        rows = np.flatnonzero(self.arrays["healing_state"].numpy() == LINKS)
+        link = {x: self.download("relink_" + x)[rows] for x in ("normal", "shear", "released")}
+        last = {}
+        if self.model.criteria:
+            assert self.model.listed_bonds is not None
+            last = {x: self.download("break_" + x)[rows] for x in ("normal", "shear", "energy")}
+            last["step"] = self.download("break_step")[self.model.listed_bonds[rows]]
+        self.relinks.add(rows, self.count, link, last)
+
+    def waiting(self) -> NDArray[np.int64]:
+        """Listed bonds that meet their law of healing and lack the energy to link."""
+        return np.flatnonzero(self.arrays["healing_state"].numpy() == WAITS)
+
     def relaxing_sums(self) -> tuple[float, float, float]:
         """Power of the net forces, v.M v and F.M^-1 F, summed over all elements."""
         if self._relax is None:
@@ -388,6 +420,7 @@ class Step:
             "friction": self._taken("slip_energy", "closing_slip_energy"),
             "damping": self._taken("damped_energy", "dashpot_work", "restitution_energy"),
             "plastic": dissipated - locked if self.model.yielding else 0.0,
+            "healing": self._taken("relink_energy"),
             "viscous": 0.0 if self.model.yielding else dissipated,
             "integrator": self._sum("integrator_energy") + self.integrator_released,
         }
@@ -454,6 +487,8 @@ class Step:
         if self.model.criteria:
             fracture = self._fracture_passes()
             self._bind_break()
+        if self.model.healing:
+            fracture += self._bind_healing()
         damping = self._damping_passes()
         box, boxed = self._box_passes()
         drift = self._move(0.0, half, drifts=True)
@@ -717,6 +752,7 @@ class Step:
         before = [
             self._move(half, 0.0, elements="near_elements"),
             *self._pair_energies("listed_bonds", m.facet_listed),
+            *self._drop_rest(),
             *self._closing_energies(),
         ]
         if f.has_volume:
@@ -749,8 +785,45 @@ class Step:
         elif f.has_dilation:
             mend.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
         self._mend = self._passes([*mend, self._move(-half, 0.0, elements="near_elements")])
-        self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
-        self._near_integrator = self._integrator_energies("near_elements")
+        self._bind_near_energies()
+
+    def _bind_near_energies(self) -> None:
+        if "near_integrator_energy" not in self.arrays:
+            self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
+            self._near_integrator = self._integrator_energies("near_elements")
+
+    def _bind_healing(self) -> list[wp.Launch]:
+        """The test of each law of healing; aside, the passes of a step in which bonds linked."""
+        (s, k), m, f, half = self._space, self.model, self.model.features, 0.5 * self.dt
+        listed = self.arrays["listed_bonds"]
+        kind = f.faces, f.has_volume, m.faces_rub, bool(m.criteria)
+        tests = []
+        for group in m.healing:
+            law = group.law
+            numbers = {"pressure": law.pressure, "time": law.time, "work": law.work, "dt": self.dt}
+            given: dict[str, Any] = {"listed": listed, "first": group.first}
+            tests.append(self._bind(heal_bonds(s, k, *kind), group.count, **numbers, **given))
+        relink = [
+            self._move(half, 0.0, elements="near_elements"),
+            self._bind(link_bonds(s, k, *kind), m.facet_listed, listed=listed),
+        ]
+        if f.has_volume:
+            elements = self.arrays["listed_elements"]
+            sizes = {"plane_strain": float(f.plane_strain), "elements": m.elements}
+            law_of_faces = join_faces(s, f.slots)
+            relink.append(self._bind(law_of_faces, elements.size, listed=elements, **sizes))
+        relink += self._force_passes(near=True)
+        self._relink = self._passes([*relink, self._move(-half, 0.0, elements="near_elements")])
+        self._bind_near_energies()
+        return tests
+
+    def _drop_rest(self) -> list[wp.Launch]:
+        """Bonds that broke just now lose the rest state that a link made again had."""
+        m, f = self.model, self.model.features
+        if not m.healing:
+            return []
+        law = drop_rest(*self._space, f.has_volume)
+        return [self._bind(law, m.facet_listed, listed=self.arrays["listed_bonds"])]
 
     def _bind_energies(self) -> Passes:
         (s, k), m, f = self._space, self.model, self.model.features

@@ -20,6 +20,7 @@ class Faces(NamedTuple):
     has_jump: bool  # some bonds meet through the side of a periodic, strained box
     has_slip: bool = False  # some bonds flow: the anchors of their springs move
     has_creep: bool = False  # they creep: the volume term is of the moved anchors as well
+    has_rest: bool = False  # some are linked again: anchors and dilations start from there
 
 
 @cache

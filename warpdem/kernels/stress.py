@@ -78,7 +78,7 @@ def element_stress(
             t += s.load_tensor(contact_moment, i) / element_volume[i]
         if wp.static(plane_strain and has_volume):
             t[2, 2] = volume_stress[i]
-            if wp.static(faces.has_slip):
+            if wp.static(faces.has_slip and not faces.has_rest):
                 t[2, 2] -= element_two_shear[i] * plastic_strain_zz[i]
         s.store_tensor(stress, i, t)
 

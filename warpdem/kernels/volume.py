@@ -64,6 +64,7 @@ def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = 
         bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
+        rest_dilation: wp.array(dtype=real),
         # written
         end_dilation: wp.array(dtype=real),
         first: int,
@@ -78,8 +79,13 @@ def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = 
             si, sj = geometry.load_slips(b, bond_i, bond_j, bond_slip, orientation)
             delta += sj - si
         w = bond_weight[b]
-        end_dilation[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, delta)
-        end_dilation[nn(bond_place[nn(2 * b + 1)])] = -w * wp.dot(cj, delta)
+        rest_i = real(0.0)
+        rest_j = real(0.0)
+        if wp.static(faces.has_rest):
+            rest_i = rest_dilation[nn(2 * b)]
+            rest_j = rest_dilation[nn(2 * b + 1)]
+        end_dilation[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, delta) - rest_i
+        end_dilation[nn(bond_place[nn(2 * b + 1)])] = -w * wp.dot(cj, delta) - rest_j
 
     return kernel(face_dilation, simd)
 

@@ -12,6 +12,7 @@ from . import (  # noqa: F401  they register
     incremental,
     mca,
     plastic,
+    relink,
     rock,
     visco,
     wall,
