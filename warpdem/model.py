@@ -18,6 +18,7 @@ from .criteria import (
     criterion_of,
 )
 from .errors import Array, InputError, first_ids
+from .friction import RateAndState, coulomb, numbers, rubs
 from .kernels.face import Faces
 from .kernels.fracture import Test
 from .kernels.plastic import Flow
@@ -198,6 +199,7 @@ class Model:
     wall_normal: Array | None = None  # (walls, dim)
     wall_velocity: Array | None = None  # (walls, dim)
     wall_friction: Array | None = None  # (walls,)
+    friction_numbers: Array | None = None  # (1 + walls, 7) of pairs, of walls, if some have a state
     wall_distance: Array | None = None  # (walls, m) from the surface of each element
     nodes: int = 0  # stored after all other elements
     node_bonds: Ids | None = None  # (nodes,) the bonds of such faces
@@ -206,13 +208,18 @@ class Model:
     def rubs(self) -> bool:
         """Whether contacts have friction."""
         return self.contact is not None and (
-            self.contact.friction > 0.0 or any(wall.friction > 0.0 for wall in self.walls)
+            rubs(self.contact.friction) or any(rubs(wall.friction) for wall in self.walls)
         )
 
     @property
     def faces_rub(self) -> bool:
         """Whether closed faces of unlinked pairs have friction."""
-        return self.contact is not None and self.contact.friction > 0.0 and self.facet_listed > 0
+        return self.contact is not None and rubs(self.contact.friction) and self.facet_listed > 0
+
+    @property
+    def ages(self) -> bool:
+        """Whether some friction has a state, that of rate and state."""
+        return self.friction_numbers is not None
 
     @property
     def softens(self) -> bool:
@@ -321,6 +328,8 @@ def state_arrays(
             for name in ("closing_slip", "closing_spring"):
                 state[name] = np.zeros((model.facet_listed, f.dim))
             state["closing_slip_energy"] = np.zeros(model.facet_listed)
+            if model.ages:
+                state["closing_theta"] = np.zeros(model.facet_listed)
     if model.contact is not None:
         rows = len(model.contact_elements) if model.contact_elements is not None else 0
         state["contact_moment"] = np.zeros((n, 4 if f.dim == 2 else 6))
@@ -340,6 +349,8 @@ def state_arrays(
             state["wall_work"] = np.zeros(rows)
             if model.rubs:
                 state["wall_spring"] = np.zeros((walls, rows, f.dim))
+            if model.ages:
+                state["wall_theta"] = np.zeros((walls, rows))
             if model.contact.restitution < 1.0:
                 state["wall_opened"] = np.zeros((walls, rows), dtype=np.int32)
     if f.has_volume:
@@ -1276,6 +1287,7 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     for body in bodies:
         may_touch[body.packing.bonds[~body.linked | body.breakable] + starts[id(body)]] = True
     elements = np.flatnonzero(may_touch)
+    assert scene.contacts is not None
     model.contact, model.walls = scene.contacts, tuple(scene.walls)
     model.contact_elements = elements.astype(np.int32)
     radius = np.ones(model.elements)
@@ -1288,6 +1300,9 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         setattr(model, "contact_" + name, radius / stiff)
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_position = model.position - 0.5 * (low + high)
+    laws = [model.contact.friction, *(w.friction for w in model.walls)]
+    if any(isinstance(law, RateAndState) for law in laws):
+        model.friction_numbers = np.array([numbers(law) for law in laws])
     if model.faces_rub:
         assert model.facet_stiffness is not None and model.listed_bonds is not None
         model.closing_shear = model.facet_stiffness[model.listed_bonds[: model.facet_listed]]
@@ -1299,7 +1314,7 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     if model.walls:
         model.wall_normal = np.array([w.normal for w in model.walls])
         model.wall_velocity = np.array([w.velocity for w in model.walls])
-        model.wall_friction = np.array([w.friction for w in model.walls])
+        model.wall_friction = np.array([coulomb(w.friction) for w in model.walls])
         model.wall_distance = np.array(
             [
                 (model.position[elements] - w.point) @ w.normal - radius[elements]

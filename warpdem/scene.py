@@ -12,6 +12,7 @@ from .bond import EVMBond
 from .contact import Contact, Wall
 from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
 from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
+from .friction import Friction, checked_friction
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
@@ -466,21 +467,22 @@ class Scene:
         """A body force: this acceleration [m/s^2], (dim,), of every element of the scene."""
         self.gravity = finite("acceleration", acceleration, (None,))
 
-    def contact(self, friction: float = 0.0, restitution: float = 1.0, skin: float = 0.5) -> None:
+    def contact(
+        self, friction: Friction = 0.0, restitution: float = 1.0, skin: float = 0.5
+    ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
         They touch as spheres, in the plane discs, of the distance to their nearest face, with a
-        stiffness as that of bonds. friction: Coulomb's, between all of them; restitution: speed
-        along the normal after two elements have touched over that before, 0 to 1 (elastic).
-        skin: of the list of neighbours over the median radius; a matter of speed alone.
+        stiffness as that of bonds. friction: Coulomb's number or a `RateAndState`, between all of
+        them; restitution: speed along the normal after two elements have touched over that before,
+        0 to 1 (elastic). skin: of the list of neighbours over the median radius; a matter of speed
+        alone.
 
         Pairs that a bond joined close and rub on their own face until they have parted; there EVM
         bonds do not rub.
         """
-        mu = float(finite("friction", friction, ()))
+        mu = checked_friction(friction)
         e = float(finite("restitution", restitution, ()))
-        if mu < 0.0:
-            raise InputError(f"friction is {mu:g}; give 0 or more.")
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
         self.contacts = Contact(mu, e, float(positive("skin", skin, ())))
@@ -489,7 +491,7 @@ class Scene:
         self,
         point: ArrayLike,
         normal: ArrayLike,
-        friction: float | None = None,
+        friction: Friction | None = None,
         velocity: ArrayLike | None = None,
     ) -> Wall:
         """A plane through `point` [m] that elements touch, on the side its normal points to.
@@ -505,9 +507,7 @@ class Scene:
         n = finite("normal", normal, (dim,))
         if not np.linalg.norm(n) > 0.0:
             raise InputError("the wall's normal is zero; give the direction that it faces.")
-        mu = self.contacts.friction if friction is None else float(finite("friction", friction, ()))
-        if mu < 0.0:
-            raise InputError(f"friction is {mu:g}; give 0 or more.")
+        mu = self.contacts.friction if friction is None else checked_friction(friction)
         v = np.zeros(dim) if velocity is None else finite("velocity", velocity, (dim,))
         wall = Wall(finite("point", point, (dim,)), n / np.linalg.norm(n), mu, v)
         self.walls.append(wall)

@@ -14,6 +14,7 @@ import warp as wp
 
 from .algebra import Laws, narrow
 from .closing import closing
+from .friction import friction as friction_law
 from .memory import kernel, nn
 
 
@@ -34,12 +35,6 @@ def contact(s: Laws) -> Laws:
         def area(radius: real, width: real) -> real:
             """S = pi R^2."""
             return real(wp.static(pi)) * radius * radius
-
-    @wp.func
-    def slid(spring: vec, limit: real) -> vec:
-        """Tangential spring no longer than friction holds: |k_t s| <= mu N."""
-        size = wp.length(spring)
-        return wp.where(size > limit, (limit / wp.max(size, real(1.0e-30))) * spring, spring)
 
     @wp.func
     def half_turn(w: spin, dt: real) -> spin:
@@ -71,7 +66,7 @@ def contact(s: Laws) -> Laws:
         turned = spring - (wp.dot(spring, n) / (real(1.0) + wp.dot(before, n))) * (before + n)
         return twisted(turned - wp.dot(turned, n) * n, n, half)
 
-    return Laws(area=area, slid=slid, half_turn=half_turn, carried=carried)
+    return Laws(area=area, half_turn=half_turn, carried=carried)
 
 
 @cache
@@ -126,10 +121,15 @@ def pair(s: Laws, k: Laws) -> Laws:
 
 
 @cache
-def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, has_walls: bool):
-    """Pass over elements that may touch: force and torque of all their contacts, into one slot."""
+def contact_forces(
+    s: Laws, k: Laws, has_friction: bool, ages: bool, has_restitution: bool, has_walls: bool
+):
+    """Pass over elements that may touch: force and torque of all their contacts, into one slot.
+
+    ages: some friction has a state, that of rate and state.
+    """
     real, place, geometry, law, spring_law = s.real, k.real, pair(s, k), contact(s), closing(s)
-    narrowed, widened = geometry.narrowed, geometry.widened
+    narrowed, widened, holding = geometry.narrowed, geometry.widened, friction_law(s, ages)
 
     @wp.func
     def rub(
@@ -142,10 +142,14 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
         wa: s.spin,
         wb: s.spin,
         stiffness: real,
-        limit: real,
+        pull: real,
+        mu: real,
+        row: int,
+        friction_numbers: wp.array(dtype=wp.float64),
+        theta: wp.float64,
         dt: real,
     ):
-        """Tangential spring after a step, and what its slip took [J].
+        """Tangential spring after a step, the pair's state, and what its slip took [J].
 
         motion: of b's centre against a's; that of the two points that touch is less by the turns
         of their arms.
@@ -155,9 +159,9 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
         turned = law.carried(spring, before, n, real(0.5) * (ha + hb))
         motion -= s.rotate(arm_a * ha + arm_b * hb, before + n)
         trial = turned + motion - wp.dot(motion, n) * n
-        after = law.slid(trial, limit / stiffness)
+        after, aged = holding.held(trial, pull, stiffness, mu, row, friction_numbers, theta, dt)
         taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
-        return after, taken
+        return after, aged, taken
 
     def contact_forces(
         # model
@@ -173,6 +177,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
         wall_velocity: wp.array(dtype=real),
         wall_distance: wp.array(dtype=place),
         wall_friction: wp.array(dtype=real),
+        friction_numbers: wp.array(dtype=wp.float64),
         # state read
         wall_shift: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
@@ -182,10 +187,12 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
         contact_debt: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
         contact_spring: wp.array(dtype=real),
+        contact_theta: wp.array(dtype=wp.float64),
         slip_energy: wp.array(dtype=wp.float64),
         wall_debt: wp.array(dtype=real),
         wall_opened: wp.array(dtype=int),
         wall_spring: wp.array(dtype=real),
+        wall_theta: wp.array(dtype=wp.float64),
         wall_reaction: wp.array(dtype=real),
         wall_work: wp.array(dtype=wp.float64),
         any_touched: wp.array(dtype=int),
@@ -250,10 +257,15 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                     )
                     wa = s.load_spin(angular_velocity, a)
                     wb = s.load_spin(angular_velocity, b)
-                    spring, taken = rub(
+                    theta = wp.float64(0.0)
+                    if wp.static(ages):
+                        theta = contact_theta[e]
+                    spring, theta, taken = rub(
                         s.load(contact_spring, e), nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
-                        shear, -friction * pull, real(dt),
+                        shear, pull, friction, 0, friction_numbers, theta, real(dt),
                     )  # fmt: skip
+                    if wp.static(ages):
+                        contact_theta[e] = theta
                     s.store(contact_spring, e, spring)
                     f += shear * spring
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(taken)
@@ -296,10 +308,15 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                         shear = wide / contact_shear[i]
                         old = s.load(wall_spring, e)
                         # from the wall, a, to the element, b
-                        spring, taken = rub(
+                        theta = wp.float64(0.0)
+                        if wp.static(ages):
+                            theta = wall_theta[e]
+                        spring, theta, taken = rub(
                             old, n, n, real(0.0), radius + gap, motion, s.no_spin(), wi,
-                            shear, -wall_friction[w] * pull, real(dt),
+                            shear, pull, wall_friction[w], 1 + w, friction_numbers, theta, real(dt),
                         )  # fmt: skip
+                        if wp.static(ages):
+                            wall_theta[e] = theta
                         s.store(wall_spring, e, spring)
                         f -= shear * spring
                         f_before -= shear * old
