@@ -40,10 +40,8 @@ class RateAndState:
             raise InputError(f"b is {self.b:g}; give 0 or more.")
         if self.law not in LAWS:
             raise InputError(f"law is {self.law!r}; choose from {LAWS}.")
-        if self.theta0 is None:
-            object.__setattr__(self, "theta0", self.Dc / self.V0)
-        assert self.theta0 is not None
-        positive("theta0", self.theta0, ())
+        if self.theta0 is not None:
+            positive("theta0", self.theta0, ())
 
     def steady(self, rate: ArrayLike) -> Array:
         """Friction in steady slip at rates [m/s]: theta = Dc/V."""
@@ -85,5 +83,5 @@ def numbers(friction: Friction) -> tuple[float, ...]:
     if not isinstance(friction, RateAndState):
         return (friction, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0)
     f = friction
-    assert f.theta0 is not None
-    return (f.mu0, f.a, f.b, f.V0, f.Dc, f.theta0, float(f.law == "slip"))
+    theta0 = f.Dc / f.V0 if f.theta0 is None else f.theta0
+    return (f.mu0, f.a, f.b, f.V0, f.Dc, theta0, float(f.law == "slip"))

@@ -285,8 +285,8 @@ def contact_forces(
                 for axis in range(wp.static(k.dim)):
                     dn += place(n[axis]) * u[axis]
                 gap = real(wall_distance[e] + dn - wall_shift[w])
-                motion = real(dt) * (vi - vw)
-                before = gap - wp.dot(n, motion)
+                passed = real(dt) * (vi - vw)
+                before = gap - wp.dot(n, passed)
                 f = s.vec()
                 if gap < real(0.0) or before < real(0.0):
                     radius = real(contact_radius[i])
@@ -296,7 +296,7 @@ def contact_forces(
                     was = spring_law.pull(stiffness, before, real(0.0))
                     owed = spring_law.energy(stiffness, gap)
                     owed -= spring_law.energy(stiffness, before)
-                    owed -= real(0.5) * (pull + was) * wp.dot(n, motion)
+                    owed -= real(0.5) * (pull + was) * wp.dot(n, passed)
                     wall_debt[e] = wall_debt[e] + owed
                     if (gap < real(0.0)) != (before < real(0.0)):
                         any_touched[0] = 1
@@ -312,7 +312,7 @@ def contact_forces(
                         if wp.static(ages):
                             theta = wall_theta[e]
                         spring, theta, taken = rub(
-                            old, n, n, real(0.0), radius + gap, motion, s.no_spin(), wi,
+                            old, n, n, real(0.0), radius + gap, passed, s.no_spin(), wi,
                             shear, pull, wall_friction[w], 1 + w, friction_numbers, theta, real(dt),
                         )  # fmt: skip
                         if wp.static(ages):
