@@ -19,8 +19,9 @@ def rubbing(precision: str = "float64", skin: float = 0.5) -> wd.Simulation:
     return wd.Simulation(scene, precision=precision)
 
 
-@pytest.mark.parametrize(("precision", "limit"), [("float64", 1e-6), ("float32", 1e-4)])
+@pytest.mark.parametrize(("precision", "limit"), [("float64", 2e-4), ("float32", 3e-4)])
 def test_slip_is_booked_and_momentum_kept(precision, limit):
+    # Coulomb's own number leaves 9.4e-5 at this step, a twelfth of it at an eighth of the step
     sim = rubbing(precision)
     held = sim.energy()["kinetic"]
     p = sim.model.mass @ sim.velocity
@@ -57,3 +58,21 @@ def test_bad_input_is_refused():
         wd.RateAndState(0.6, 0.01, -1.0, 1e-6, 1e-5)
     with pytest.raises(wd.InputError, match="law is 'slips'"):
         wd.RateAndState(0.6, 0.01, 0.01, 1e-6, 1e-5, law="slips")
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_faces_of_a_broken_bond_rub_by_it(precision):
+    scene = wd.Scene()
+    p = wd.packing.square((2.0, 1.0), 1.0, "strain")
+    body = scene.add(p, SOFT, facet_bending=True, fracture=wd.Rankine(1e6))
+    middle = p.position.mean(axis=0)
+    across = np.array([0.0, 0.9])
+    scene.cut(body, middle - across, middle + across)
+    scene.hold(body, [0])
+    scene.hold(body, [1], velocity=[0.0, LAW.V0])
+    scene.contact(friction=LAW)
+    sim = wd.Simulation(scene, dt=0.02, precision=precision)
+    sim.set_state(displacement=[[0.0, 0.0], [-1e-3, 0.0]])
+    sim.run(steps=500)
+    force = sim.force[1]
+    assert -force[1] / force[0] == pytest.approx(LAW.mu0, rel=0.02)
