@@ -14,30 +14,34 @@ ALLOWED = {
     "criteria": {"errors", "fields", "section"},
     "friction": {"errors"},
     "contact": {"errors", "friction", "packing"},
+    "wall": {"errors", "friction"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
     "viscoelasticity": {"errors"},
     "packing": {"errors", "section"},
     "scene": {
         *("errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"),
-        *("contact", "friction", "viscoelasticity"),
+        *("contact", "friction", "viscoelasticity", "wall"),
     },
     "model": {
         *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
-        *("contact", "friction"),
+        *("contact", "friction", "wall"),
     },
     "neighbours": {"errors", "kernels", "model"},
-    "step": {"friction", "kernels", "model", "neighbours"},
+    "passes": {"errors", "kernels"},
+    "step": {"friction", "kernels", "model", "neighbours", "passes", "wall"},
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
+    "renewal": {"errors", "model", "packing", "step"},
     "moduli": {"errors", "bond", "material", "packing"},
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
+        *("passes", "renewal", "wall"),
     },
     "observe": {"errors", "fields"},
-    "write": {"errors", "fields", "observe"},
+    "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
         *("bond", "friction"),
@@ -46,9 +50,11 @@ ALLOWED = {
     "validation": {
         *("errors", "material", "section", "bond", "criteria", "packing", "scene", "simulation"),
         *("calibration", "moduli", "observe", "statics", "experiments", "plasticity", "toughness"),
-        *("friction", "viscoelasticity"),
+        *("friction", "viscoelasticity", "wall"),
     },
-    "cli": {"errors", "criteria", "experiments", "observe", "simulation", "validation", "write"},
+    "sweeps": {"errors", "experiments", "write"},
+    "cli": {"errors", "experiments", "observe", "simulation", "sweeps", "validation", "write"},
+    "__main__": {"cli"},
 }
 
 

@@ -84,14 +84,20 @@ def test_plasticity_script(tmp_path, monkeypatch, capsys):
     assert float(capsys.readouterr().out) == pytest.approx(2 / 3**0.5, rel=2e-3)
 
 
-def test_contact_script(tmp_path, monkeypatch, capsys):
+def test_contact_scripts(tmp_path, monkeypatch, capsys):
     page = (ROOT / "docs" / "contact.md").read_text()
-    (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    touching, tool = re.findall(r"```python\n(.*?)```", page, re.S)
     monkeypatch.chdir(tmp_path)
-    exec(compile(script, "contact.md", "exec"), {})
+    exec(compile(touching, "contact.md", "exec"), {})
     count, force, slipped, error = map(float, capsys.readouterr().out.split())
     assert count > 50 and force > 0.0 and slipped > 0.0
     assert abs(error) < 1e-4
+    exec(compile(tool, "contact.md", "exec"), {})
+    across, along, torque, work, error = map(float, capsys.readouterr().out.split())
+    assert 0.5e6 < along < 1.1e6
+    assert across == pytest.approx(0.2 * along, rel=0.02)  # it slips on a shallow dent
+    assert torque == pytest.approx(0.2 * 0.04 * along, rel=0.01)  # mu N R
+    assert work > 0.0 and abs(error) < 1e-6
 
 
 def test_rock_script(tmp_path, monkeypatch, capsys):
@@ -105,6 +111,16 @@ def test_rock_script(tmp_path, monkeypatch, capsys):
     assert float(found["tension"]) == pytest.approx(6e6, rel=0.05)
     assert float(found["compression"]) == pytest.approx(40e6, rel=0.05)
     assert (tmp_path / "out" / "compression" / "test.png").stat().st_size > 1000
+
+
+def test_sweeps_script(tmp_path, monkeypatch, capsys):
+    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "sweeps.md").read_text(), re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "sweeps.md", "exec"), {})
+    speeds = list(map(float, capsys.readouterr().out.strip("[]\n").split()))
+    # on so small a plate the speed's spread hides the effect of strain: bounds as in test_cli
+    assert len(set(speeds)) == 2 and all(0.5 < speed < 1.1 for speed in speeds)
+    assert (tmp_path / "out" / "strain" / "sweep.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize(

@@ -135,3 +135,108 @@ def test_unlike_materials_and_a_notch():
     own = grain == 0
     assert sim.plastic_strain[own].max() > 0.01
     assert abs(sim.energy()["residual"]) < 1e-4 * sim.energy()["work"]
+
+
+def renewing(share=0.3, precision="float64", packing=None, **given):
+    p = packing or wd.packing.voronoi((8.0, 8.0), 1.0, "strain", seed=1, periodic=True)
+    scene = wd.Scene()
+    body = scene.add(p, COPPER, yielding=LAW, finite_strain=True, renew_faces=share, **given)
+    rate = 4e-3
+    if p.period is not None:
+        scene.strain(body, lambda t: np.diag([np.expm1(rate * t), np.expm1(-rate * t)]))
+    scene.set_velocity(body, rate * p.position * [1.0, -1.0])
+    sim = wd.Simulation(scene, precision=precision, dt=0.3 * wd.Simulation(scene).dt_limit)
+    return sim, rate
+
+
+@pytest.mark.parametrize("precision", ["float64", "mixed", "float32"])
+def test_faces_are_renewed_in_every_precision(precision):
+    sim, rate = renewing(precision=precision)
+    bonds = sim.bonds
+    sim.run(until=0.6 / rate)
+    assert sim.renewals
+    assert {tuple(b) for b in bonds} != {tuple(b) for b in sim.bonds}
+    flow = LAW.flow_stress(sim.plastic_strain.mean())
+    s = sim.stress.mean(axis=0)
+    assert s[0, 0] - s[1, 1] == pytest.approx(2.0 / np.sqrt(3.0) * flow, rel=0.02)
+    assert abs(sim.energy_error) < 1e-4
+    assert (
+        np.abs(sim.position - sim.displacement - sim.scene.bodies[0].packing.position).max() < 1e-4
+    )
+
+
+def test_state_may_be_set_after_a_renewal():
+    sim, rate = renewing()
+    sim.run(until=0.1 / rate)
+    sim.renew_faces()
+    place, stress = sim.displacement, sim.stress
+    sim.set_state(displacement=place)
+    assert np.abs(sim.displacement - place).max() < 1e-12
+    assert np.abs(sim.stress - stress).max() < 1e-9 * np.abs(stress).max()
+
+
+def test_sections_follow_renewed_bonds():
+    p = wd.packing.hexagonal((8.0, 8.0), 1.0, "strain")
+    sim, _ = renewing(packing=p, share=9.0)
+    section = wd.PlaneProbe(p.position.mean(axis=0), (1.0, 0.0), every=1)
+    sim.observe(section)
+    sim.run(steps=100)
+    sim.renew_faces()
+    sim.run(steps=1)
+    force = np.array(section.force)
+    assert np.abs(force[-1] - force[-2]).max() < 0.2 * np.abs(force[-2]).max()
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"finite_strain": False}, "finite strain"),
+        ({"yielding": None}, "yield"),
+        ({"facet_bending": True}, "bent"),
+        ({"renew_faces": 0.0}, "renew_faces"),
+    ],
+)
+def test_renewal_is_refused_where_nothing_is_carried_over(given, match):
+    scene = wd.Scene()
+    given = {"yielding": LAW, "finite_strain": True, "renew_faces": 0.3} | given
+    with pytest.raises(wd.InputError, match=match):
+        scene.add(wd.packing.hexagonal((4.0, 4.0), 1.0, "strain"), COPPER, **given)
+
+
+def test_renewal_is_refused_in_scenes_it_does_not_know():
+    scene = wd.Scene()
+    p = wd.packing.hexagonal((4.0, 4.0), 1.0, "strain")
+    body = scene.add(p, COPPER, yielding=LAW, finite_strain=True, renew_faces=0.3)
+    scene.cut(body, (2.0, 2.0), (9.0, 2.3))
+    with pytest.raises(wd.InputError, match="heal"):
+        wd.Simulation(scene)
+    scene, _ = scene_of(p)
+    scene.add(p, COPPER, yielding=LAW, finite_strain=True, renew_faces=0.3)
+    with pytest.raises(wd.InputError, match="one body"):
+        wd.Simulation(scene)
+    with pytest.raises(wd.InputError, match="thickness"):
+        scene_of(sheet("stress"), renew_faces=0.3)
+    scene, _ = scene_of(p)
+    with pytest.raises(wd.InputError, match="added with renew_faces"):
+        wd.Simulation(scene).renew_faces()
+
+
+def test_what_slides_past_its_neighbours_is_told_of():
+    p = sheet()
+    scene, _ = scene_of(p, law=wd.VonMises(100.0))
+    sim = wd.Simulation(scene)
+    upper = (p.position[:, 1] > p.position[:, 1].mean())[:, None]
+    with pytest.warns(wd.ModelWarning, match="slid past"):
+        sim.set_state(displacement=upper * [1.5, 0.0])
+    assert "plastic_dilation" not in sim._step.arrays
+
+
+def test_faces_that_cannot_be_renewed_stay():
+    sim, _ = renewing(packing=wd.packing.hexagonal((2.0, 2.0), 1.0, "strain"), share=1e-3)
+    flat = sim.scene.bodies[0].packing.position * [0.0, -0.99]
+    with pytest.warns(wd.ModelWarning, match="distorted"):
+        sim.set_state(displacement=flat)
+    before = sim.model
+    with pytest.raises(wd.InputError):
+        sim.renew_faces()
+    assert sim.model is before

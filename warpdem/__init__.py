@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from . import experiments, packing
+from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
-from .contact import Contact, Wall
+from .contact import Contact
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -49,8 +49,10 @@ from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation
 from .toughness import Toughness
 from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
+from .wall import Wall
 
 if TYPE_CHECKING:
+    from .sweeps import sweep
     from .write.field import draw_field
     from .write.fragment import write_fragments
     from .write.structure import draw_structure
@@ -125,6 +127,8 @@ __all__ = [
     "lattice_moduli",
     "packing",
     "periodic_moduli",
+    "sweep",
+    "wall",
     "write_fragments",
 ]
 
@@ -147,4 +151,8 @@ def __getattr__(name: str) -> object:
         from .write.structure import draw_structure
 
         return draw_structure
+    if name == "sweep":
+        from . import cli  # where experiments are made known
+
+        return cli.sweep
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,37 +1,41 @@
 """The command line: `warpdem run NAME`, `warpdem info`."""
 
 import json
+import os
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import MISSING, fields
 from importlib.metadata import version
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated, Any, get_origin, get_type_hints
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table as RichTable
 
 from . import experiments
-from .criteria import Criterion
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
 from .experiments import ModeIResult, Result
+from .experiments.described import EXPERIMENTS, Experiment
 from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
-from .experiments.shared import read_criterion, write_criterion
 from .observe import CrackTracker
-from .simulation import PRECISIONS, Observer, Simulation
+from .simulation import Observer, Simulation
+from .sweeps import ENGINES, PARENT, Run, Sweep, sweep
 from .write.record import describe_machine
 from .write.whole import unit_of, write_text
 
 app = typer.Typer(help="Fracture of solids made of bonded elements.", no_args_is_help=True)
 run = typer.Typer(help="Run a published experiment.", no_args_is_help=True)
 app.add_typer(run, name="run")
+many = typer.Typer(help="Run an experiment over a grid of parameters.", no_args_is_help=True)
+app.add_typer(many, name="sweep")
 console = Console(highlight=False, soft_wrap=True)
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -84,21 +88,31 @@ def experiment(
     progress: Callable[[Any, Any], Observer],
     closing: Callable[[Any], list[str]],
 ) -> None:
-    """Make an experiment a command whose options are the fields of its parameters.
+    """Make an experiment a command whose options are the fields of its parameters, and known.
 
     files: what it writes; progress: makes the observer that shows how far it is, of the parameters
     and of what the experiment hands to `observers`; closing: lines about the result.
     """
 
-    def command(precision: str, device: str, out: Path, **given: Any) -> None:
+    told = Experiment(name, title, parameters, function, files)
+    EXPERIMENTS[name] = told
+
+    def command(out: Path, compile_only: bool, **given: Any) -> None:
         console.print(f"warpdem {version('warpdem')}: {title}")
-        chosen = parameters(**given | {k: read_criterion(given[k]) for k in written})
+        chosen = told.build(given)
+
+        def observers(_: Simulation, measured: Any) -> list[Observer]:
+            if compile_only:
+                console.print("kernels are compiled")
+                raise typer.Exit
+            return [progress(chosen, measured)]
+
         result = function(
             chosen,
-            device=device,
-            precision=precision,
-            out=out,
-            observers=lambda _, measured: [progress(chosen, measured)],
+            device=given["device"],
+            precision=given["precision"],
+            out=None if compile_only else out,
+            observers=observers,
             say=console.print,
         )
         for line in closing(result):
@@ -110,31 +124,98 @@ def experiment(
         )
         console.print(f"written to {out}: {' '.join(files)}")
 
-    hints = get_type_hints(parameters, include_extras=True)
-    written: list[str] = []  # criteria, in words
-    options = []
-    for f in fields(parameters):
-        hint, default = hints[f.name], f.default
-        if isinstance(default, Criterion):
-            written.append(f.name)
-            hint, default = Annotated[str, hint.__metadata__[0]], write_criterion(default)
-        options.append(_option(f.name, hint, default))
-    arithmetic = f"Arithmetic: {', '.join(PRECISIONS)} (places in float64)."
+    options = [_option(d.name, d.kind, d.default, d.help) for d in told.described.values()]
     options += [
-        _option("precision", Annotated[str, arithmetic], "float64"),
-        _option("device", Annotated[str, "cpu or cuda."], "cpu"),
-        _option("out", Annotated[Path, "Folder for the results."], Path("out") / name),
+        _option("out", Path, Path("out") / name, "Folder for the results."),
+        _option("compile_only", bool, False, "Compile the kernels and stop before the first step."),
     ]
-    command.__signature__ = Signature(options)  # type: ignore[attr-defined]
+    _add(run, told, command, options)
+    _add_sweep(told)
+
+
+def _add_sweep(told: Experiment) -> None:
+    """The command whose options take a value or a list of them each."""
+
+    def command(
+        out: Path, jobs: int, engine: str, engine_options: str, result: str, against: str,
+        retry: bool, **given: str | None,
+    ) -> None:  # fmt: skip
+        grid = {k: told.described[k].split(v) for k, v in given.items() if v is not None}
+        pairs = [part.partition("=") for part in engine_options.split(",") if part]
+        bar = Progress(
+            TextColumn("{task.completed} of {task.total} runs, {task.fields[bad]} not complete"),
+            BarColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        with bar:
+            task = bar.add_task("", total=None, bad=0)
+
+            def watch(found: Sweep, ended: Run | None) -> None:
+                done = found.count("complete")
+                bad = found.count("failed") + (found.count("interrupted") if ended else 0)
+                bar.update(task, total=len(found.runs), completed=done, bad=bad)
+                if ended is not None:
+                    shown = ", ".join(f"{k} {ended.given[k]}" for k in found.swept)
+                    number = ended.record.get(found.result, ended.record.get("error"))
+                    words = f"{found.result} {number:.6g}" if _is_number(number) else str(number)
+                    console.print(
+                        f"{done} of {len(found.runs)}: {shown}: {ended.status}, {words}",
+                        markup=False,
+                    )
+
+            found = sweep(
+                told.name, grid, out=out, jobs=jobs, engine=engine, retry=retry, watch=watch,
+                result=result or None, against=against or None, say=console.print,
+                options={k: int(v) if v.isdigit() else v for k, _, v in pairs},
+            )  # fmt: skip
+        table = RichTable(*found.swept, "status", found.result, "energy error", "seconds")
+        for r, *numbers in zip(
+            found.runs, *map(found.values, (found.result, "energy_error", "seconds")), strict=True
+        ):
+            table.add_row(
+                *(str(r.given[k]) for k in found.swept), r.status, *(f"{n:.4g}" for n in numbers)
+            )
+        console.print(table)
+        console.print(f"written to {out}: table.csv sweep.png, and a folder for each run")
+        missing = len(found.runs) - found.count("complete")
+        if missing:
+            errors.print(
+                f"{missing} runs are not complete: the same command runs interrupted ones again, "
+                "with --retry failed ones too; log.txt in a run's folder says what happened"
+            )
+            raise typer.Exit(1)
+
+    options = [
+        _option(d.name, str | None, None, d.help, str(d.default)) for d in told.described.values()
+    ]
+    options += [
+        _option("out", Path, Path("out") / f"{told.name}-sweep", "Folder for the runs."),
+        _option("jobs", int, 1, "Runs at a time."),
+        _option("engine", str, "local", f"Where runs go: {', '.join(ENGINES)}."),
+        _option("engine_options", str, "", "Of the engine, name=value,..."),
+        _option("result", str, "", "Drawn and printed.", told.results[0]),
+        _option("against", str, "", "Parameter that it is drawn against.", "the first swept"),
+        _option("retry", bool, False, "Run failed runs again too."),
+    ]
+    _add(many, told, command, options)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float)
+
+
+def _add(to: typer.Typer, told: Experiment, command: Any, options: list[Parameter]) -> None:
+    command.__signature__ = Signature(options)
     command.__annotations__ = {}
-    command.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
-    run.command(name)(command)
+    command.__doc__ = (told.function.__doc__ or "").partition("\n\n")[0]
+    to.command(told.name)(command)
 
 
-def _option(name: str, hint: Any, default: Any) -> Parameter:
-    assert get_origin(hint) is Annotated and default is not MISSING
-    kind: Any = hint.__origin__
-    option = Annotated[kind, typer.Option(help=hint.__metadata__[0])]
+def _option(name: str, kind: Any, default: Any, words: str, shown: Any = True) -> Parameter:
+    option = Annotated[kind, typer.Option(help=words, show_default=shown)]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=option)
 
 
@@ -276,9 +357,18 @@ def _print_note(message: Warning | str, *_: object, **__: object) -> None:
     errors.print(f"note: {message}", markup=False)
 
 
+def _end_with(parent: int) -> None:
+    """End a run of a sweep whose process is gone: another may start the same run."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
+
+
 def main() -> None:
     """Run the command line; bad input ends with one sentence and exit status 2."""
     warnings.showwarning = _print_note
+    if PARENT in os.environ:
+        threading.Thread(target=_end_with, args=(int(os.environ[PARENT]),), daemon=True).start()
     try:
         app()
     except InputError as error:

@@ -1,4 +1,4 @@
-"""What touches what without a bond: contact among elements, walls, and radii (theory B11)."""
+"""What touches what without a bond: contact among elements, and radii (theory B11)."""
 
 from dataclasses import dataclass
 
@@ -17,16 +17,12 @@ class Contact:
     friction: Friction
     restitution: float
     skin: float  # of the list of neighbours, over the median radius
+    law: str = "linear"  # or "hertz"
 
-
-@dataclass(frozen=True, eq=False)
-class Wall:
-    """A plane that elements touch from the side its normal points to. Made by `Scene.wall`."""
-
-    point: Array
-    normal: Array
-    friction: Friction
-    velocity: Array
+    @property
+    def is_hertz(self) -> bool:
+        """Whether elements touch as Hertz's spheres."""
+        return self.law == "hertz"
 
 
 def touching_radius(packing: Packing) -> Array:

@@ -1,13 +1,13 @@
 """A scene as arrays: what is fixed (Model), what changes (State), what is needed (Features)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .bond import EVMBond
-from .contact import Contact, Wall, bonded_rows, has_free_surface, touching_radius
+from .contact import Contact, bonded_rows, has_free_surface, touching_radius
 from .criteria import (
     NUMBERS,
     CustomCriterion,
@@ -22,19 +22,23 @@ from .friction import RateAndState, coulomb, numbers, rubs
 from .kernels.face import Faces
 from .kernels.fracture import Test
 from .kernels.plastic import Flow
+from .kernels.wall import BOX, CYLINDER, FAR, MESH, PLANE, SPHERE
+from .kernels.wall import NUMBERS as SHAPE_NUMBERS
 from .plasticity import Nikolaevsky, Table, YieldLaw
 from .scene import Body, History, Scene, StrainHistory
 from .viscoelasticity import ViscousLaw
+from .wall import Box, Cylinder, Plane, Sphere, Wall
 
 Ids = NDArray[np.int32]
 LEAST_SPHERICAL = 0.9  # of (1 - D) on irregular elements with a viscous law
+RENEWED_SLOTS = {2: 10, 3: 26}  # room for the neighbours that renewed faces may bring
 LEAST_SHAPE = 0.05  # smallest stretch of B, 1 where an element has all its faces
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
     {
         *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes", "bond_slip"),
         "evm_tilt",
-        *("contact_radius", "wall_distance", "wall_shift", "closing_slip"),
+        *("contact_radius", "closing_slip"),
         *("box_shift", "box_strain"),
         *("evm_direction", "evm_length", "evm_offset"),
     }
@@ -62,6 +66,7 @@ class Features:
     branches: int  # most branches of a viscous law; 0: none creeps
     has_retardation: bool  # some faces have Kelvin and Voigt's dashpots
     finite_strain: bool
+    renews: bool  # faces are made anew as elements change neighbours
     slots: int
     faces: Faces
 
@@ -69,6 +74,11 @@ class Features:
     def evaluates_anew(self) -> bool:
         """Whether forces are evaluated a second time in a step, after plastic flow."""
         return self.has_dilation or (self.faces.has_slip and self.has_evm)
+
+    @property
+    def has_offset(self) -> bool:
+        """Whether the volume term at finite strain is measured from a dilation other than 0."""
+        return self.has_dilation or self.renews
 
     @property
     def keeps_mean(self) -> bool:
@@ -191,16 +201,19 @@ class Model:
     contact_position: Array | None = None  # (n, dim) from the middle of the scene, in float64
     contact_radius: Array | None = None  # (n,)
     contact_width: Array | None = None  # (n,) thickness in the plane
-    contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa]
+    contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa], Hertz (1 - nu^2)/E
     contact_shear: Array | None = None  # (n,) R/(2 G) [m/Pa]
     bonded_start: Ids | None = None  # (m + 1,) rows of elements that bonds join
     bonded: Ids | None = None
     bonded_listed: Ids | None = None  # of which listed bond, -1: of none
-    wall_normal: Array | None = None  # (walls, dim)
-    wall_velocity: Array | None = None  # (walls, dim)
+    contact_middle: Array | None = None  # (dim,) middle of the scene [m]
+    contact_impedance: float = 0.0  # of plane waves in all elements that may touch [N s/m]
+    wall_kind: Ids | None = None  # (walls,)
+    wall_shape: Array | None = None  # (walls, 8) numbers of each shape
     wall_friction: Array | None = None  # (walls,)
     friction_numbers: Array | None = None  # (1 + walls, 7) of pairs, of walls, if some have a state
-    wall_distance: Array | None = None  # (walls, m) from the surface of each element
+    wall_first_face: Ids | None = None  # (walls,) of a mesh among all
+    face_place: Array | None = None  # (3 faces, 3) corners of all meshes, from their walls' places
     nodes: int = 0  # stored after all other elements
     node_bonds: Ids | None = None  # (nodes,) the bonds of such faces
 
@@ -342,7 +355,14 @@ def state_arrays(
             state["slip_energy"] = np.zeros(rows)
         if model.walls:
             walls = len(model.walls)
-            state["wall_shift"] = np.zeros(walls)
+            spin, place = np.zeros((walls, spins)), np.zeros((walls, f.dim))
+            turn = np.zeros((walls, rot))
+            for name in ("wall_place", "wall_place_before", "wall_velocity"):
+                state[name] = place
+            for name in ("wall_turn", "wall_turn_before"):
+                state[name] = turn
+            state["wall_spin"] = spin
+            state["wall_torque"] = np.zeros((walls, rows, spins))
             state["wall_debt"] = np.zeros((walls, rows))
             state["wall_impulse"] = np.zeros((walls, rows))
             state["wall_reaction"] = np.zeros((walls, rows, f.dim))
@@ -388,6 +408,8 @@ def state_arrays(
                 state["plastic_growth_zz"] = np.zeros(n)
         else:
             state["return_loss"] = np.zeros(n)
+        if f.renews and not f.has_dilation:
+            state["plastic_dilation"] = np.zeros(n)
         state["spring_force"] = np.zeros((b, f.dim))
         state["bond_dissipation"] = np.zeros(b)
         if model.facet_bonds:
@@ -675,6 +697,9 @@ def build(scene: Scene) -> Model:
     incidence = _incidence(pairs, n)
     if scene.contacts is not None:  # what touches has a slot of its own, of no bond
         incidence = np.vstack([incidence, np.full((1, n), 2 * bonds, dtype=np.int32)])
+    renews = _renews(scene, bool(len(node_bonds)))
+    if renews:
+        incidence = _roomy(incidence, bonds, RENEWED_SLOTS[dim])
     mass, held, held_rotation = each["mass"], each["held"] > 0.0, each["held_rotation"] > 0.0
     moments, axes = _principal(bodies, mass, each["inertia"])
     inertia = each["inertia"] if moments is None else moments.mean(axis=1)
@@ -718,9 +743,10 @@ def build(scene: Scene) -> Model:
         branches=branches,
         has_retardation=any(law.retardation > 0.0 for law in viscous),
         finite_strain=any(b.finite_strain for b in bodies),
+        renews=renews,
         slots=len(incidence),
         faces=Faces(
-            faces.is_central,
+            faces.is_central and not renews,
             has_jump=has_jump,
             has_slip=bool(laws) or branches > 0,
             has_creep=branches > 0,
@@ -786,6 +812,78 @@ def build(scene: Scene) -> Model:
     if scene.contacts is not None:
         _add_contact(model, scene, each)
     return model
+
+
+def _renews(scene: Scene, has_nodes: bool) -> bool:
+    """Whether faces are renewed; refuses what cannot be carried over."""
+    if all(b.renew_faces is None for b in scene.bodies):
+        return False
+    if len(scene.bodies) > 1 or has_nodes:
+        raise InputError(
+            "renew_faces is for a scene of one body of one stiffness; leave the others out, or "
+            "renew_faces."
+        )
+    body = scene.bodies[0]
+    if not body.linked.all():
+        raise InputError("renew_faces is not for bodies with cuts: new faces would heal them.")
+    if body.mean_strain.any() and body.strain_history is None:
+        raise InputError("renew_faces takes a periodic strain as a function of time.")
+    return True
+
+
+def _roomy(incidence: Ids, bonds: int, slots: int) -> Ids:
+    """Incidence with at least so many slots, the further ones of no bond."""
+    more = max(slots - len(incidence), 0)
+    return np.vstack([incidence, np.full((more, incidence.shape[1]), 2 * bonds, dtype=np.int32)])
+
+
+def with_faces(
+    model: Model, position: Array, volume: Array, pairs: NDArray[np.int64], area: Array,
+    arms: Array, shift: Array, past: Array,
+    whole: StrainHistory | None,
+) -> Model:  # fmt: skip
+    """The model of a body whose elements have moved to `position` and have other faces there.
+
+    volume (n,); pairs (b, 2), area (b,) and arms (b, 2, dim) of the faces; shift (b, dim): of a
+    periodic body, from the second elements to their images at zero strain; whole: the
+    history of the box's strain, past (dim, dim) so far. Masses, inertias, loads and grips stay with
+    the elements.
+    """
+    n, dim = position.shape
+    vector = arms[:, 0] - arms[:, 1]
+    length = np.linalg.norm(vector, axis=1)
+    distance = np.einsum("bsk,bk->bs", arms, vector) * [1.0, -1.0] / length[:, None]
+    incidence = _roomy(_incidence(pairs, n), len(pairs), model.features.slots)
+    assert model.element_two_shear is not None
+    modulus = _series(model.element_two_shear, pairs, distance)
+    face = np.zeros(2 * len(pairs) + 2)
+    face[:-2] = (area[:, None] * distance).ravel()
+    new = replace(
+        model,
+        features=replace(model.features, slots=len(incidence)),
+        position=position,
+        facet_bonds=len(pairs),
+        element_volume=volume,
+        incidence=incidence,
+        bond_place=np.argsort(incidence, axis=None, kind="stable")[: 2 * len(pairs)].astype(
+            np.int32
+        ),
+        bond_i=pairs[:, 0].astype(np.int32),
+        bond_j=pairs[:, 1].astype(np.int32),
+        bond_area=area,
+        bond_arm=np.concatenate([arms.reshape(-1, dim), np.zeros((2, dim))]),
+        facet_stiffness=modulus * area / length,
+        bond_weight=area / length,
+        bond_face=face,
+    )
+    if model.bond_jump is not None:
+        new.bond_jump = np.zeros((len(pairs), dim))
+    if model.box_bonds is not None and whole is not None:
+        box = np.flatnonzero(shift.any(axis=1))
+        new.box_bonds, new.box_shift = box.astype(np.int32), shift[box]
+        new.strain_history = lambda t: np.asarray(whole(t)) - past
+    new.inverse_shape = _inverse_shape(new, np.ones(len(pairs)))
+    return new
 
 
 def _add_box(model: Model, stored: list[Body]) -> None:
@@ -1298,8 +1396,21 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     for name, modulus in (("compliance", "pressure_modulus"), ("shear", "two_shear")):
         stiff = np.where(each[modulus] > 0.0, each[modulus], 1.0)
         setattr(model, "contact_" + name, radius / stiff)
+    if model.contact is not None and model.contact.is_hertz:
+        if model.features.dim == 2:
+            raise InputError(
+                "Hertz's law is of spheres: in the plane the approach of two discs depends on what "
+                "surrounds them, so that there is no law of a pair; take law='linear'."
+            )
+        yielded = [
+            np.array([(1.0 - m.poisson**2) / m.young for m in b.materials])[b.grain]
+            / b.stiffness_factor
+            for b in bodies
+        ]
+        model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
-    model.contact_position = model.position - 0.5 * (low + high)
+    model.contact_middle = 0.5 * (low + high)
+    model.contact_position = model.position - model.contact_middle
     laws = [model.contact.friction, *(w.friction for w in model.walls)]
     if any(isinstance(law, RateAndState) for law in laws):
         model.friction_numbers = np.array([numbers(law) for law in laws])
@@ -1312,15 +1423,39 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         place[model.listed_bonds] = np.arange(len(model.listed_bonds))
         model.bonded_listed = place[model.own_bonds[which]]
     if model.walls:
-        model.wall_normal = np.array([w.normal for w in model.walls])
-        model.wall_velocity = np.array([w.velocity for w in model.walls])
-        model.wall_friction = np.array([coulomb(w.friction) for w in model.walls])
-        model.wall_distance = np.array(
-            [
-                (model.position[elements] - w.point) @ w.normal - radius[elements]
-                for w in model.walls
-            ]
-        )
+        _add_walls(model)
+        width = np.pi * radius if model.features.dim == 3 else 2.0 * model.contact_width
+        density = model.mass / model.element_volume
+        impedance = radius * width * np.sqrt(density * each["pressure_modulus"])
+        model.contact_impedance = float(impedance[elements].sum())
+
+
+def _add_walls(model: Model) -> None:
+    """Walls' shapes as the device knows them."""
+    walls, dim = model.walls, model.features.dim
+    model.wall_friction = np.array([coulomb(w.friction) for w in walls])
+    model.wall_kind = np.zeros(len(walls), dtype=np.int32)
+    model.wall_shape = np.zeros((len(walls), SHAPE_NUMBERS))
+    first, corners = np.zeros(len(walls), dtype=np.int32), [np.zeros((0, 3))]
+    for w, shape in enumerate(wall.shape for wall in walls):
+        row = model.wall_shape[w]
+        if isinstance(shape, Sphere | Cylinder):
+            row[3:6] = shape.radius, FAR, -1.0 if shape.hollow else 1.0
+        if isinstance(shape, Plane):
+            kind, row[:dim] = PLANE, shape.normal
+        elif isinstance(shape, Sphere):
+            kind = SPHERE
+        elif isinstance(shape, Cylinder):
+            kind, row[:3], row[4] = CYLINDER, shape.axis, min(0.5 * shape.length, FAR)
+        elif isinstance(shape, Box):
+            kind, row[:dim], row[3] = BOX, 0.5 * shape.size, shape.rounding
+        else:
+            kind = MESH
+            first[w] = sum(map(len, corners)) // 3
+            corners.append((shape.vertices - shape.place)[shape.faces].reshape(-1, 3))
+        model.wall_kind[w] = kind
+    if len(corners) > 1:
+        model.wall_first_face, model.face_place = first, np.concatenate(corners)
 
 
 def _group(fracture: Fracture, first: int, count: int) -> Group:

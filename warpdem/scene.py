@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .bond import EVMBond
-from .contact import Contact, Wall
+from .contact import Contact
 from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
 from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
 from .friction import Friction, checked_friction
@@ -18,6 +18,7 @@ from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
 from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
+from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
 
 History = Callable[[float], float]  # factor at a time [s]
 StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
@@ -46,6 +47,7 @@ class Body:
     yielding: tuple[YieldLaw | None, ...]  # of each material
     viscous: tuple[ViscousLaw | None, ...]  # likewise
     finite_strain: bool = False
+    renew_faces: float | None = None  # slip over length beyond which faces are renewed
     linked: Mask = field(init=False)
     stiffness_factor: Array = field(init=False)
     strength_factor: Array = field(init=False)
@@ -169,6 +171,7 @@ class Scene:
         yielding: YieldLaw | Sequence[YieldLaw | None] | None = None,
         viscous: ViscousLaw | Sequence[ViscousLaw | None] | None = None,
         finite_strain: bool = False,
+        renew_faces: float | None = None,
     ) -> Body:
         """Add a body.
 
@@ -186,6 +189,9 @@ class Scene:
         moduli are the instantaneous ones, of KelvinVoigt those of the spring.
         finite_strain: volumes, stresses and flow follow the elements' deformation gradients, for
         plastic strains beyond a few per cent (theory B6); of all bodies of a scene or of none.
+        renew_faces: with finite_strain and a yield law, the slip of a bond over its length, usually
+        0.3, beyond which all faces of the body are made anew from the places that its elements
+        then have (theory B6); None: faces stay those between the first neighbours.
         """
         materials = (material,) if isinstance(material, Material) else tuple(material)
         if (
@@ -244,9 +250,11 @@ class Scene:
         if finite_strain:
             _check_finite(materials, bond, fracture, volume, laws, creep)
             has_volume = True
+        if renew_faces is not None:
+            _check_renewal(packing, finite_strain, laws, facet_bending, renew_faces)
         body = Body(
             packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep,
-            finite_strain,
+            finite_strain, renew_faces,
         )  # fmt: skip
         if toughness is not None:
             body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
@@ -468,7 +476,11 @@ class Scene:
         self.gravity = finite("acceleration", acceleration, (None,))
 
     def contact(
-        self, friction: Friction = 0.0, restitution: float = 1.0, skin: float = 0.5
+        self,
+        friction: Friction = 0.0,
+        restitution: float = 1.0,
+        skin: float = 0.5,
+        law: str = "linear",
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
@@ -476,7 +488,8 @@ class Scene:
         stiffness as that of bonds. friction: Coulomb's number or a `RateAndState`, between all of
         them; restitution: speed along the normal after two elements have touched over that before,
         0 to 1 (elastic). skin: of the list of neighbours over the median radius; a matter of speed
-        alone.
+        alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
+        springs are the same); its time step is for overlaps up to a twentieth of the radius.
 
         Pairs that a bond joined close and rub on their own face until they have parted; there EVM
         bonds do not rub.
@@ -485,33 +498,86 @@ class Scene:
         e = float(finite("restitution", restitution, ()))
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
-        self.contacts = Contact(mu, e, float(positive("skin", skin, ())))
+        one_of("law", law, ("linear", "hertz"))
+        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law)
 
     def wall(
         self,
-        point: ArrayLike,
-        normal: ArrayLike,
+        shape: Shape | ArrayLike,
+        normal: ArrayLike | None = None,
         friction: Friction | None = None,
         velocity: ArrayLike | None = None,
+        spin: ArrayLike | None = None,
+        pivot: ArrayLike | None = None,
+        angle: ArrayLike | None = None,
+        path: Path | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> Wall:
-        """A plane through `point` [m] that elements touch, on the side its normal points to.
+        """A rigid wall that elements touch: a plane by a point [m] and the normal of the side that
+        they are on, or a shape of `warpdem.wall`.
 
-        friction: by default that of `contact`, which a scene with walls needs; velocity [m/s]: the
-        plane's own, by default none. Returns the wall, whose force `Simulation.wall_force` tells.
+        friction: by default that of `contact`, which a scene with walls needs; velocity [m/s] and
+        spin [rad/s], (1,) in the plane or (3,): the wall's own, by default none; pivot [m]: the
+        point it turns about, which moves with it, by default the shape's centre; angle [rad]: a
+        rotation vector by which it is turned at the start. path: a function of time [s], or
+        (times, values) between which is interpolated, that gives displacement and then rotation
+        vector, (dim + 1,) or (dim + 3,), on top of velocity and spin. Returns the wall, on which
+        `Simulation.wall_force` and `wall_torque` tell.
         """
         if self.contacts is None:
             raise InputError("walls touch elements as these touch each other; call contact first.")
         if not self.bodies:
             raise InputError("add bodies to the scene before its walls.")
         dim = self.bodies[0].packing.dim
-        n = finite("normal", normal, (dim,))
-        if not np.linalg.norm(n) > 0.0:
-            raise InputError("the wall's normal is zero; give the direction that it faces.")
+        spins = 1 if dim == 2 else 3
+        if not isinstance(shape, Shape):
+            if normal is None:
+                raise InputError("give a plane a point and a normal, or another shape.")
+            finite("point", shape, (dim,))
+            finite("normal", normal, (dim,))
+            shape = Plane(shape, normal)
+        elif normal is not None:
+            raise InputError("a normal is given with the point of a plane, not with a shape.")
+        if len(shape.place) != dim:
+            hint = "; in the plane take a Sphere or a Box" * isinstance(shape, Cylinder | Mesh)
+            raise InputError(f"the wall's shape has dimension {len(shape.place)}, not {dim}{hint}.")
         mu = self.contacts.friction if friction is None else checked_friction(friction)
-        v = np.zeros(dim) if velocity is None else finite("velocity", velocity, (dim,))
-        wall = Wall(finite("point", point, (dim,)), n / np.linalg.norm(n), mu, v)
+        wall = Wall(
+            shape,
+            mu,
+            np.zeros(dim) if velocity is None else finite("velocity", velocity, (dim,)),
+            np.zeros(spins) if spin is None else finite("spin", np.atleast_1d(spin), (spins,)),
+            shape.place if pivot is None else finite("pivot", pivot, (dim,)),
+            np.zeros(spins) if angle is None else finite("angle", np.atleast_1d(angle), (spins,)),
+            _path(path, dim + spins),
+        )
         self.walls.append(wall)
         return wall
+
+    def steer(
+        self,
+        wall: Wall,
+        force: float,
+        direction: ArrayLike,
+        speed: float,
+        history: History | tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        """Move a wall along a direction so that it presses with a force [N] that way.
+
+        speed [m/s]: the most it moves at; history: as of `hold`, multiplies the force. The wall's
+        velocity is what the force lacks over an impedance: of plane waves in all elements that may
+        touch it, so that it is never too quick to be stable, however many do.
+        """
+        if not any(wall is mine for mine in self.walls):
+            raise InputError("this wall is not in the scene; use what scene.wall returned.")
+        d = finite("direction", direction, wall.velocity.shape)
+        if not np.linalg.norm(d) > 0.0:
+            raise InputError("the direction is zero; give the one the wall presses in.")
+        wall.steering = Steering(
+            d / np.linalg.norm(d),
+            float(finite("force", force, ())),
+            float(positive("speed", speed, ())),
+            _history(history),
+        )
 
     def servo(
         self,
@@ -698,6 +764,22 @@ def _history(given: History | tuple[ArrayLike, ArrayLike] | None) -> History:
     return lambda time: float(np.interp(time, t, v))
 
 
+def _path(given: Path | tuple[ArrayLike, ArrayLike] | None, width: int) -> Path | None:
+    """A function of time from what a user gives."""
+    if given is None or callable(given):
+        return given
+    try:
+        times, values = given
+    except (TypeError, ValueError):
+        raise InputError("path must be a function of time, or (times, values).") from None
+    t, v = finite("times of the path", times, (None,)), finite("values of the path", values)
+    if v.shape != (len(t), width) or len(t) == 0 or (np.diff(t) <= 0.0).any():
+        raise InputError(
+            f"the path's times must grow, with a row of {width} values each: displacement, turn."
+        )
+    return lambda time: np.array([np.interp(time, t, column) for column in v.T])
+
+
 def _grains(
     packing: Packing, materials: tuple[Material, ...], grain: ArrayLike | None
 ) -> NDArray[np.int64]:
@@ -850,6 +932,28 @@ def _check_finite(
         raise InputError("finite_strain takes von Mises' flow; Nikolaevsky's is of small strain.")
     if any(m.poisson < 0.0 for m in materials):
         raise InputError("finite_strain needs Poisson's ratios of 0 or more.")
+
+
+def _check_renewal(
+    packing: Packing,
+    finite_strain: bool,
+    laws: tuple[YieldLaw | None, ...],
+    facet_bending: bool,
+    share: float,
+) -> None:
+    positive("renew_faces", share, ())
+    if not finite_strain or any(law is None for law in laws):
+        raise InputError(
+            "renew_faces is of bodies at finite strain that yield everywhere; give finite_strain "
+            "and a yield law, or leave renew_faces out."
+        )
+    if packing.plane == "stress":
+        raise InputError(
+            "renew_faces is for plane strain and space: in plane stress each element has a "
+            "thickness of its own; leave renew_faces out."
+        )
+    if facet_bending:
+        raise InputError("renewed faces do not know how far they were bent; leave one of both out.")
 
 
 def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:

@@ -2,6 +2,7 @@
 
 import time
 import warnings
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -20,19 +21,29 @@ from .errors import (
     first_ids,
     one_of,
 )
-from .model import build, face_arms, state_arrays, with_moving_nodes, with_nodes
-from .scene import Body, Scene, Servo, Wall
-from .stability import bound_contact, bound_damping, bound_frequency, largest_frequency, link_states
+from .model import build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
+from .passes import team_of
+from .renewal import carried, tessellate
+from .scene import Body, Scene, Servo
+from .stability import (
+    HERTZ_OVERLAP,
+    bound_contact,
+    bound_damping,
+    bound_frequency,
+    largest_frequency,
+    link_states,
+)
 from .statics import Telling, equilibrate, natural_frequencies, relax
 from .step import PRECISIONS, Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
-from .trouble import Distortion, Slips, Troubles
+from .trouble import Distortion, Slips, Troubles, slid
+from .wall import Wall
 
 SAFETY = 0.8  # share of the stability limit taken by default
-# energies held at an instant, and what damping, plastic flow and viscous branches took
+# energies held at an instant, and what damping, flow, viscous branches and renewals took
 HELD = (
     *("kinetic", "pair", "volume", "contact", "integrator"),
-    *("friction", "damping", "plastic", "viscous"),
+    *("friction", "damping", "plastic", "viscous", "renewal"),
 )
 SERVO_EVERY = 5  # steps between looks of a servo at its traction
 SERVO_GAIN = 0.5  # share of the lacking traction that it makes good for at a look
@@ -51,6 +62,18 @@ class Observer(Protocol):
         """Called at the end of every run."""
 
 
+@dataclass(frozen=True)
+class Renewal:
+    """One renewal of all faces: step and time [s]; energy [J] that it took; the greatest change of
+    an element's stress, over the greatest stress; and the part that springs left unmatched."""
+
+    step: int
+    time: float
+    energy: float
+    stress_change: float
+    unmatched: float
+
+
 class Simulation:
     """A scene in motion under velocity Verlet (theory A10, B13).
 
@@ -61,7 +84,8 @@ class Simulation:
     trouble: what happens when an EVM bond is twisted, bent or crushed beyond what its energy stands
     for (theory A5), or slips of plastic flow or creep go beyond 0.3 of a bond's length (theory
     B2a): "warn" once a bond, of slips once, or "stop" with a TroubledBondError.
-    simd: vectorise the CPU's loops where this Warp allows it.
+    simd: vectorise the CPU's loops where this Warp allows it. threads: of the CPU, for scenes of
+    many elements; results do not depend on their number.
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
     """
@@ -76,6 +100,7 @@ class Simulation:
         local_damping: float = 0.0,
         trouble: str = "warn",
         simd: bool = True,
+        threads: int = 1,
     ) -> None:
         if not isinstance(scene, Scene):
             raise InputError(f"Simulation takes a Scene, not {type(scene).__name__}.")
@@ -88,7 +113,7 @@ class Simulation:
         if dt is not None and not finite("dt", dt, ()) > 0.0:
             raise InputError(f"dt is {dt:g} s; it must be greater than zero.")
         self.device = _device(device)
-        self.precision, self.scene = precision, scene
+        self.precision, self.scene, self._simd = precision, scene, simd
         self.model = build(scene)
         starts = np.cumsum([0, *(len(b.packing) for b in scene.bodies)])
         self._elements = {
@@ -118,16 +143,15 @@ class Simulation:
                 "smaller one, leave it out, or pass force_dt=True to go on regardless."
             )
         self.dt = float(dt)
-        state = state_arrays(self.model, scene)
-        self._step = Step(
-            self.model,
-            state,
-            self.dt,
-            precision,
-            self.device,
-            simd,
-            local_damping=local_damping,
-        )
+        self._local_damping = local_damping
+        self._team = team_of(threads, self.device)
+        self._step = self._stepping(state_arrays(self.model, scene))
+        # before the last renewal of faces: how elements moved and deformed, what books held
+        self._first_position = self.model.position
+        self._past_gradient: Array | None = None
+        self._past_books = {"plastic": 0.0, "work": 0.0, "renewal": 0.0}
+        self.renewals: list[Renewal] = []
+        self._told_of_faces = False
         self._check_speed(InputError)
         self._step.evaluate_forces()
         self._step.remember_springs()
@@ -142,7 +166,7 @@ class Simulation:
             self._tell_of_times()
         self._observers: list[Observer] = []
         self._observed: dict[int, int] = {}
-        self._stopped = False
+        self._stopped = self._told_of_overlap = False
         self.seconds = 0.0
         self.initial_energies = self._measure()
 
@@ -182,6 +206,8 @@ class Simulation:
             self.seconds += time.perf_counter() - began
             self._step.synchronise()
             self._guard()
+            if self.model.features.renews:
+                self._renew_if_due()
             self._call_observers()
         for observer in self._observers:
             observer.finish(self)
@@ -243,6 +269,66 @@ class Simulation:
             self._step.forget_gaps()
             self._step.evaluate_forces()
 
+    def renew_faces(self) -> "Renewal":
+        """Make all faces anew from where the elements are (theory B6); see `Scene.add`.
+
+        Stresses, plastic strains, masses, inertias, velocities and turns of elements stay; `bonds`
+        are others from now on. What energy that costs is booked as "renewal".
+        """
+        if not self.model.features.renews:
+            raise InputError("faces are renewed of a body added with renew_faces.")
+        self._step.synchronise()
+        before, stress = self._measure(), self.stress
+        old, step, body = self.model, self._step, self.scene.bodies[0]
+        dim = old.features.dim
+        since = np.eye(dim) + self._own("displacement_gradient")
+        gradient, position = self.deformation_gradient, self.position
+        past, box = np.zeros((dim, dim)), np.eye(dim)
+        if body.strain_history is not None:
+            past = np.asarray(body.strain_history(self.time))
+            box = box + past
+        faces = tessellate(body.packing, position, gradient, box)
+        shift = np.zeros((len(faces.pair), dim))
+        if body.packing.period is not None:
+            shift = faces.image * body.packing.period
+        new = with_faces(
+            old, position, faces.volume, faces.pair, faces.area, faces.arms, shift, past,
+            body.strain_history,
+        )  # fmt: skip
+        kept, lack = carried(old, step, new, since)
+        linked = np.ones(new.bonds, dtype=bool)
+        trial = state_arrays(new, self.scene, linked)
+        trial["displacement"] = np.zeros_like(position)
+        self.model = new
+        self._past_gradient = gradient
+        self.dt_limit = 2.0 / largest_frequency(
+            Step(new, dict(trial), 1.0, self.precision, self.device, self._simd, slack=np.inf),
+            self._spacing,
+        )
+        self._step = self._stepping(trial | kept)
+        self._step.count = step.count
+        self._step.servo_factors = step.servo_factors
+        self._step.set_factors()
+        if "damped_energy" in kept:
+            self._step.upload("damped_energy", kept["damped_energy"])
+        self._step.evaluate_forces()
+        self._step.remember_springs()
+        for troubles in self._troubles:
+            if isinstance(troubles, Distortion):
+                troubles.restart(self.dt_limit)
+        # books go on: what flowed and worked so far, and the jump of everything held
+        own = self._past_books
+        own["plastic"] += before["plastic"] - self._measure()["plastic"]
+        own["work"] += before["work"] - self._measure()["work"]
+        after = self._measure()
+        jump = sum(before[k] - after[k] for k in HELD)
+        own["renewal"] += jump
+        size = float(np.abs(stress).max())
+        change = float(np.abs(self.stress - stress).max()) / size if size > 0.0 else 0.0
+        renewal = Renewal(step.count, self.time, jump, change, lack)
+        self.renewals.append(renewal)
+        return renewal
+
     def stop(self) -> None:
         """End the run after the current call of observers."""
         self._stopped = True
@@ -282,12 +368,13 @@ class Simulation:
     @property
     def displacement(self) -> Array:
         """Displacement of every element from its reference place [m], (n, dim)."""
-        return self._own("displacement")
+        own = slice(0, self.model.own_elements)
+        return self._own("displacement") + (self.model.position - self._first_position)[own]
 
     @property
     def position(self) -> Array:
         """Place of every element [m], (n, dim)."""
-        return self.model.position[: self.model.own_elements] + self.displacement
+        return self.model.position[: self.model.own_elements] + self._own("displacement")
 
     @property
     def orientation(self) -> Array:
@@ -358,7 +445,8 @@ class Simulation:
         """F of every element at finite strain, (n, dim, dim): how its surroundings deformed."""
         if not self.model.features.finite_strain:
             raise InputError("deformation gradients are known of bodies with finite_strain.")
-        return np.eye(self.model.features.dim) + self._own("displacement_gradient")
+        gradient = np.eye(self.model.features.dim) + self._own("displacement_gradient")
+        return gradient if self._past_gradient is None else gradient @ self._past_gradient
 
     @property
     def plastic_strain(self) -> Array:
@@ -454,9 +542,22 @@ class Simulation:
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
+        row = self._row(wall)
+        return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+
+    def wall_torque(self, wall: Wall) -> Array:
+        """Torque of all elements on a wall about its shape's place [N m], (1,) or (3,)."""
+        row = self._row(wall)
+        return self._step.download("wall_torque")[row].sum(axis=0, dtype=np.float64)
+
+    def wall_pose(self, wall: Wall) -> tuple[Array, Array]:
+        """Place of a wall's shape now [m], (dim,), and its orientation, as `orientation`."""
+        return wall.pose(self.time, self._step.wall_way[self._row(wall)])
+
+    def _row(self, wall: Wall) -> int:
         for row, mine in enumerate(self.model.walls):
             if mine is wall:
-                return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+                return row
         raise InputError("this wall is not in the simulation's scene.")
 
     def elements(self, body: Body) -> slice:
@@ -518,7 +619,8 @@ class Simulation:
         bonds; damping: taken by dashpots, local damping, absorbing sides and restitution; plastic:
         dissipated by plastic flow; viscous: by branches; work: done by moving grips and walls,
         outer loads and a periodic box; integrator: velocity Verlet's own term (theory B13), its
-        jumps at breaking bonds included; residual: what is missing from their balance.
+        jumps at breaking bonds included; renewal: lost with old faces; residual: what is missing
+        from their balance.
         """
         ledger = self._measure()
         before, now = (
@@ -548,6 +650,8 @@ class Simulation:
             one_of("state", name, ("displacement", "orientation", "velocity", "angular_velocity"))
             now, own = self._own(name), slice(0, self.model.own_elements)
             given[name] = finite(name, value, now.shape)
+            if name == "displacement":
+                given[name] = given[name] - (self.model.position - self._first_position)[own]
             if name == "velocity":  # grips keep theirs
                 held = self.model.inverse_mass[own] == 0.0
                 given[name] = np.where(held, now, given[name])
@@ -569,6 +673,37 @@ class Simulation:
         self._start_anew()
 
     # -- within -----------------------------------------------------------------------------------
+
+    def _stepping(self, state: dict[str, NDArray]) -> Step:
+        """The passes of a step over these state arrays."""
+        return Step(
+            self.model,
+            state,
+            self.dt,
+            self.precision,
+            self.device,
+            self._simd,
+            local_damping=self._local_damping,
+            team=self._team,
+        )
+
+    def _renew_if_due(self) -> None:
+        """Renew faces where a bond's centres have slid by more than the body's share of its length
+        since the last renewal."""
+        share = self.scene.bodies[0].renew_faces
+        if share is None or float(slid(self._step).max(initial=0.0)) <= share:
+            return
+        try:
+            self.renew_faces()
+        except InputError as why:  # nothing has changed yet
+            if not self._told_of_faces:
+                self._told_of_faces = True
+                warnings.warn(
+                    f"at step {self._step.count} faces were not renewed, and the old ones stay "
+                    f"until they can be: {why}",
+                    ModelWarning,
+                    stacklevel=3,
+                )
 
     def _refuse_contact(self, what: str) -> None:
         if self.model.contact is not None:
@@ -622,6 +757,9 @@ class Simulation:
         if self.model.criteria:
             ledger["fracture"] = float(self._step.download("break_energy").sum(dtype=np.float64))
         ledger["work"] = self._step.work
+        ledger["renewal"] = 0.0
+        for name, past in self._past_books.items():
+            ledger[name] += past
         return ledger
 
     def _next_call(self, observer: Observer) -> int:
@@ -644,8 +782,36 @@ class Simulation:
                     f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
                 )
         self._check_speed(TooFastError)
+        self._check_overlap()
         for troubles in self._troubles:
             troubles.check(self._step)
+
+    def _check_overlap(self) -> None:
+        """Warn, once, of Hertz's contacts deeper than the time step is stable for."""
+        m = self.model
+        if m.contact is None or not m.contact.is_hertz or self._told_of_overlap:
+            return
+        assert m.contact_radius is not None and m.contact_compliance is not None
+        assert m.contact_elements is not None
+        i, j = self.contacts.T
+        radius, x = m.contact_radius, self.position
+        both = radius[i] + radius[j]
+        share = [1.0 - np.linalg.norm(x[j] - x[i], axis=1) / both]
+        if m.walls:  # by the force of each on each element
+            own = m.contact_elements
+            force = np.linalg.norm(self._step.download("wall_reaction"), axis=2)
+            stiffness = 4.0 / 3.0 * np.sqrt(radius[own]) / m.contact_compliance[own]
+            share.append(((force / stiffness) ** (2.0 / 3.0) / radius[own]).ravel())
+        worst = float(np.concatenate(share).max(initial=0.0))
+        if worst > HERTZ_OVERLAP:
+            self._told_of_overlap = True
+            warnings.warn(
+                f"elements overlap by {worst:.3g} of their radius; Hertz's law stiffens, and the "
+                f"time step is known to be stable up to {HERTZ_OVERLAP:g}. Take a smaller dt, or "
+                "law='linear'.",
+                ModelWarning,
+                stacklevel=3,
+            )
 
     def _check_speed(self, error: type[Exception]) -> None:
         """Refuse elements that would pass through others within a step."""

@@ -14,6 +14,8 @@ from .model import (
 )
 from .step import Step, gathered
 
+HERTZ_OVERLAP = 0.05  # of a sphere over its radius, up to which dt is stable
+
 
 def largest_frequency(step: Step, spacing: float) -> float:
     """Greatest angular frequency [rad/s] of small motions about the reference state.
@@ -123,6 +125,10 @@ def bound_contact(model: Model) -> float:
     # a wall is twice as stiff as another element
     share = (1.0 if model.walls else 0.5) * area
     normal = share / _of(model.contact_compliance)[own]
+    if model.contact is not None and model.contact.is_hertz:
+        # 2 E* sqrt(R d): of like spheres R/2 and twice the overlap, so half of that of a wall
+        half = 1.0 if model.walls else 0.5
+        normal = 2.0 * half * radius * np.sqrt(HERTZ_OVERLAP) / _of(model.contact_compliance)[own]
     shear = share / _of(model.contact_shear)[own] if model.rubs else np.zeros(len(own))
     around = 12 if dim == 3 else 6
     moving = model.inverse_mass[own].max(axis=1)

@@ -64,10 +64,14 @@ from .kernels.viscous import (
     trial_kick,
 )
 from .kernels.volume import face_dilation, volume_release, volume_stresses
+from .kernels.wall import wall_energies, wall_forces, wall_settle
 from .model import PLACES, Model
 from .neighbours import Neighbours
+from .passes import Passes, Team
+from .wall import Mesh, turn_between
 
 HOLDS = 1e20  # a friction that lets nothing slide
+STEERING = 0.5  # share of the lacking force that a steered wall makes good for in a step
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
@@ -89,11 +93,10 @@ OPTIONAL = frozenset(
         *("contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         "restitution_energy",
-        *("wall_normal", "wall_velocity", "wall_friction", "wall_distance", "wall_shift"),
-        *("wall_debt", "wall_impulse", "wall_opened", "wall_spring", "wall_reaction", "wall_work"),
+        *("wall_mesh", "wall_first_face", "face_place", "wall_opened", "wall_spring"),
     }
 )
-# sums over many steps, and what flows by little in one, in float64 always
+# sums over many steps, what flows by little in one, and walls' places, in float64 always
 DISSIPATION = ("bond_dissipation", "element_dissipation")
 SUMS = frozenset(
     {
@@ -101,6 +104,8 @@ SUMS = frozenset(
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
         *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
+        *("wall_shape", "face_place"),
+        *("wall_place", "wall_place_before", "wall_turn", "wall_turn_before"),
         "closing_slip_energy",
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
     }
@@ -111,32 +116,6 @@ PRECISIONS = {
     "float32": (wp.float32, wp.float32),
     "mixed": (wp.float32, wp.float64),
 }
-
-
-class Passes:
-    """Launches in order, replayed as one graph from their second time on.
-
-    A launch costs several microseconds, a node of a graph a fraction of one.
-    """
-
-    def __init__(self, launches: list[wp.Launch | None], device: str) -> None:
-        # a launch over nothing, as of the bonds of a single element, is None
-        self.launches = [x for x in launches if x is not None]
-        self.device = device
-        self.graph: wp.Graph | None = None
-
-    def launch(self) -> None:
-        """Launch them all."""
-        if self.graph is not None:
-            wp.capture_launch(self.graph)
-            return
-        for launch in self.launches:
-            launch.launch()
-        if self.launches:
-            with wp.ScopedCapture(device=self.device) as capture:
-                for launch in self.launches:
-                    launch.launch()
-            self.graph = capture.graph
 
 
 class Step:
@@ -158,6 +137,7 @@ class Step:
         slack: float = 0.0,
         local_damping: float = 0.0,
         touches: bool = True,
+        team: Team | None = None,
     ) -> None:
         self.model, self.device, self.dt, self._slack = model, device, dt, slack
         self.local_damping = local_damping
@@ -176,7 +156,7 @@ class Step:
         if "retarded_time" in state:
             time = np.maximum(state["retarded_time"], 1e-300)
             self.upload("retarded_lost", -np.expm1(-dt / time))
-        self._simd = simd
+        self._simd, self._team = simd, team
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
@@ -184,6 +164,8 @@ class Step:
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
         self.neighbours: Neighbours | None = None
+        self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
+        self._meshes = self._build_meshes()
         if model.contact is not None and touches:
             self.neighbours = Neighbours(model, self.arrays, *self._space, self.device)
         self.forget_gaps()
@@ -240,13 +222,59 @@ class Step:
         """
         assert self.neighbours is not None
         if self.model.walls:
-            time = (self.count + moves) * self.dt
-            self._write(
-                "wall_shift", np.array([w.velocity @ w.normal * time for w in self.model.walls])
-            )
+            self._pose_walls(moves)
         if self.neighbours.refresh():
             self._bind_contact()
         (self._contact if moves else self._contact_still).launch()
+
+    def _pose_walls(self, moves: bool) -> None:
+        """Poses of walls at this instant, or at the end of a step and how they came there."""
+        walls, middle = self.model.walls, self.model.contact_middle
+        assert middle is not None
+        before = [
+            w.pose(self.count * self.dt, x) for w, x in zip(walls, self.wall_way, strict=True)
+        ]
+        now, dt = before, self.dt
+        if moves:
+            self._steer_walls()
+            time = (self.count + 1) * dt
+            now = [w.pose(time, x) for w, x in zip(walls, self.wall_way, strict=True)]
+        for name, poses in (("_before", before), ("", now)):
+            self._write("wall_place" + name, np.ravel([p - middle for p, _ in poses]))
+            self._write("wall_turn" + name, np.ravel([q for _, q in poses]))
+        pairs = list(zip(before, now, strict=True))
+        self._write("wall_velocity", np.ravel([(b[0] - a[0]) / dt for a, b in pairs]))
+        self._write("wall_spin", np.ravel([turn_between(a[1], b[1]) / dt for a, b in pairs]))
+
+    def _steer_walls(self) -> None:
+        """Move steered walls by the force they lack over an impedance (docs/equations.md)."""
+        for row, wall in enumerate(self.model.walls):
+            steering = wall.steering
+            if steering is not None:
+                reaction = self.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+                wanted = steering.force * steering.history(self.count * self.dt)
+                lack = wanted + float(reaction @ steering.direction)
+                speed = STEERING * lack / self.model.contact_impedance
+                speed = float(np.clip(speed, -steering.speed, steering.speed))
+                self.wall_way[row] += speed * self.dt
+
+    def _build_meshes(self) -> list[wp.Mesh]:
+        """Walls' meshes, which Warp searches in float32; the walls' array of their ids."""
+        meshes, ids = [], []
+        for wall in self.model.walls:
+            ids.append(0)
+            if isinstance(wall.shape, Mesh):
+                shape = wall.shape
+                points = (shape.vertices - shape.place).astype(np.float32)
+                mesh = wp.Mesh(
+                    wp.array(points, dtype=wp.vec3, device=self.device),
+                    wp.array(shape.faces.astype(np.int32).ravel(), dtype=int, device=self.device),
+                )
+                meshes.append(mesh)
+                ids[-1] = mesh.id
+        if meshes:
+            self.arrays["wall_mesh"] = wp.array(ids, dtype=wp.uint64, device=self.device)
+        return meshes
 
     def forget_gaps(self) -> None:
         """Start the books of unlinked pairs anew, after the state was overwritten."""
@@ -453,36 +481,50 @@ class Step:
         (s, k), m = self._space, self.model
         assert self.neighbours is not None and m.contact is not None
         rows, walls = self.neighbours.rows, len(m.walls)
-        bounces = m.contact.restitution < 1.0
+        restitution = m.contact.restitution
+        bounces = restitution < 1.0
         given: dict[str, Any] = {"rows": rows, "walls": walls}
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, walls > 0)
-        numbers = {
-            "friction": coulomb(m.contact.friction),
-            "first_place": (m.features.slots - 1) * m.elements,
-        }
-        self._contact, self._contact_still = (
-            self._bind(law, rows, dt=dt, **numbers, **given) for dt in (self.dt, 0.0)
-        )
-        law = contact_settle(s, k, bounces, walls > 0)
-        numbers = {"restitution": m.contact.restitution}
+        kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
+        is_hertz = m.contact.is_hertz
+        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz)
+        place = {"first_place": (m.features.slots - 1) * m.elements}
+        mu, both = coulomb(m.contact.friction), []
+        for dt in (self.dt, 0.0):
+            passes = [self._bind(law, rows, dt=dt, friction=mu, **place)]
+            if walls:
+                on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
+                passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
+            both.append(self._passes(passes))
+        self._contact, self._contact_still = both
         impulses = {
             "end_force": self.arrays["settling_impulse"],
             "end_torque": self.arrays["settling_twist"],
         }
+
+        def settle(share: float) -> list[wp.Launch]:
+            numbers = {"restitution": restitution, "share": share}
+            paid = [self._bind(contact_settle(s, k, bounces), rows, **numbers)]
+            if walls:
+                on_walls = wall_settle(s, k, kinds, bounces)
+                paid.append(self._bind(on_walls, rows, **numbers, **given))
+            return paid
+
         half = 0.5 * self.dt
         passes = [self._move(half, 0.0, elements="contact_elements")]
         for _ in range(SETTLEMENTS):
-            passes.append(self._bind(law, rows, share=1.0, **numbers, **given))
+            passes += settle(1.0)
             passes.append(
                 self._move(1.0, 0.0, elements="contact_elements", loads=impulses, slots=1)
             )
-        passes.append(self._bind(law, rows, share=0.0, **numbers, **given))
+        passes += settle(0.0)
         passes.append(self._move(-half, 0.0, elements="contact_elements"))
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        law = contact_energies(s, k, m.rubs, walls > 0)
-        self._contact_energies = self._bind(law, rows, **given)
+        passes = [self._bind(contact_energies(s, k, m.rubs, is_hertz), rows)]
+        if walls:
+            passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
+        self._contact_energies = self._passes(passes)
 
     def _damping_passes(self) -> list[wp.Launch]:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -772,7 +814,7 @@ class Step:
             listed, listed_elements = self.arrays["near_bonds"], self.arrays["near_elements"]
             bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
         if f.finite_strain:
-            return self._finite_passes(has_dilations)
+            return self._finite_passes(has_dilations, dt)
         passes = []
         if f.has_volume:
             if not has_dilations:
@@ -790,16 +832,16 @@ class Step:
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
         return passes + self._closing(dt)
 
-    def _finite_passes(self, has_openings: bool) -> list[wp.Launch]:
+    def _finite_passes(self, has_openings: bool, dt: float) -> list[wp.Launch]:
         """Forces of all bonds, of facets alone, at finite strain."""
         (s, k), m, f = self._space, self.model, self.model.features
         passes = []
         if not has_openings:
             passes.append(self._bind(centre_openings(s, k, f.faces, self._simd), m.bonds))
-        law = deformations(s, k, f.faces, f.slots, f.has_dilation, self._simd)
+        law = deformations(s, k, f.faces, f.slots, f.has_offset, self._simd)
         passes.append(self._bind(law, m.elements, elements=m.elements))
         passes.append(self._bind(finite_forces(s, k, f.faces, f.has_bending, self._simd), m.bonds))
-        return passes + self._closing(0.0)
+        return passes + self._closing(dt)
 
     def _closing(self, dt: float) -> list[wp.Launch]:
         """Unlinked pairs resist closing, and rub where the scene has friction.
@@ -982,7 +1024,7 @@ class Step:
         return self._nothings[dtype]
 
     def _passes(self, launches: list[wp.Launch]) -> Passes:
-        return Passes(list(launches), self.device)
+        return Passes(list(launches), self.device, self._team)
 
     def _bind(self, kernel, dim: int, **given: Any) -> wp.Launch:
         """A recorded launch whose arguments are found by name.

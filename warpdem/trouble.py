@@ -177,6 +177,41 @@ class Slips:
         return share[m.own_bonds]
 
 
+def slid(step: Step) -> Array:
+    """How far the centres of each bond have moved since its face was made, over their distance
+    then, (b,): |r - R r0|/r0 with the mean turn R of what surrounds both elements.
+
+    At finite strain, where elastic strains are small, it is the slip of the bond's face.
+    """
+    vector, now, gradient = _lines(step)
+    left, _, right = np.linalg.svd(gradient)
+    return _apart(step.model, vector, now, left @ right)
+
+
+def strayed(step: Step) -> Array:
+    """As `slid`, but from where the deformation gradients of both elements take the line, (b,): how
+    far they have slid past each other as neighbours of one deforming body do not."""
+    vector, now, gradient = _lines(step)
+    return _apart(step.model, vector, now, gradient)
+
+
+def _lines(step: Step) -> tuple[Array, Array, Array]:
+    """Centre lines of bonds (b, dim) as faces were made and now, and F of elements since then."""
+    m = step.model
+    assert m.bond_weight is not None
+    ends = bond_ends(m)
+    vector = ends[:, 0] - ends[:, 1]
+    moved = step.download("centre_opening")[: m.bonds].astype(np.float64)
+    weight = np.where(m.bond_weight > 0.0, m.bond_weight, 1.0)
+    gradient = step.download("displacement_gradient").astype(np.float64)
+    return vector, vector + moved / weight[:, None], np.eye(m.features.dim) + gradient
+
+
+def _apart(m: Model, vector: Array, now: Array, gradient: Array) -> Array:
+    taken = np.einsum("bxy,by->bx", 0.5 * (gradient[m.bond_i] + gradient[m.bond_j]), vector)
+    return np.linalg.norm(now - taken, axis=1) / np.linalg.norm(vector, axis=1)
+
+
 class Distortion:
     """Elements at finite strain whose lattice is too distorted; each kind is told of once.
 
@@ -187,6 +222,10 @@ class Distortion:
     def __init__(self, dt_limit: float) -> None:
         self._dt_limit = dt_limit
         self._told: set[str] = set()
+
+    def restart(self, dt_limit: float) -> None:
+        """From faces just renewed on, whose greatest stable time step is this [s]."""
+        self._dt_limit = dt_limit
 
     @property
     def log(self) -> NDArray[np.void]:
@@ -219,6 +258,19 @@ class Distortion:
             step,
             f"are distorted beyond the ratio {DISTORTED:g} of their stretches, up to which "
             "finite strain is validated",
+        )
+        m = step.model
+        far = np.zeros(m.elements, dtype=bool)
+        if m.features.faces.has_slip and m.nodes == 0 and not m.features.renews:
+            past = strayed(step) > SLIP
+            far[m.bond_i[past]] = far[m.bond_j[past]] = True
+        self._tell(
+            "strayed",
+            far,
+            step,
+            f"have slid past neighbours by more than {SLIP:g} of their distance, and the faces "
+            "between them are no longer what they were; give renew_faces=0.3, more elements or "
+            "less load",
         )
 
     def _tell(self, kind: str, bad: NDArray[np.bool_], step: Step, what: str) -> None:

@@ -99,6 +99,7 @@ def write_record(
     given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
     record = {
         "experiment": experiment,
+        "status": "complete",
         "parameters": given | {"precision": sim.precision, "device": str(sim.device)},
         **result.numbers(),
         "energy": sim.energy(),

@@ -1,4 +1,4 @@
-"""Elements that touch without a bond, and walls: normal spring, friction, books (theory B11).
+"""Elements that touch without a bond: normal spring, friction, books (theory B11).
 
 Elements touch as spheres (discs in the plane). Each sums its own row of the list of neighbours;
 what belongs to a pair is worked out in the same order from either side, so that both sides get the
@@ -19,9 +19,9 @@ from .memory import kernel, nn
 
 
 @cache
-def contact(s: Laws) -> Laws:
-    """Laws of two elements that touch, or of an element and a wall."""
-    real, vec, spin = s.real, s.vec, s.spin
+def contact(s: Laws, ages: bool = False) -> Laws:
+    """Laws of two elements that touch, or of an element and a wall; ages: see `friction`."""
+    real, vec, spin, holding = s.real, s.vec, s.spin, friction_law(s, ages)
 
     if s.dim == 2:
 
@@ -66,11 +66,77 @@ def contact(s: Laws) -> Laws:
         turned = spring - (wp.dot(spring, n) / (real(1.0) + wp.dot(before, n))) * (before + n)
         return twisted(turned - wp.dot(turned, n) * n, n, half)
 
-    return Laws(area=area, half_turn=half_turn, carried=carried)
+    @wp.func
+    def rub(
+        spring: vec,
+        before: vec,
+        n: vec,
+        arm_a: real,
+        arm_b: real,
+        motion: vec,
+        wa: spin,
+        wb: spin,
+        stiffness: real,
+        pull: real,
+        mu: real,
+        row: int,
+        friction_numbers: wp.array(dtype=wp.float64),
+        theta: wp.float64,
+        dt: real,
+    ):
+        """Tangential spring after a step, the pair's state, and what its slip took [J].
+
+        motion: of b's centre against a's; that of the two points that touch is less by the turns
+        of their arms. mu: Coulomb's; row: of `friction_numbers`, the pairs' or a wall's.
+        """
+        ha = half_turn(wa, dt)
+        hb = half_turn(wb, dt)
+        turned = carried(spring, before, n, real(0.5) * (ha + hb))
+        motion -= s.rotate(arm_a * ha + arm_b * hb, before + n)
+        trial = turned + motion - wp.dot(motion, n) * n
+        after, aged = holding.held(trial, pull, stiffness, mu, row, friction_numbers, theta, dt)
+        taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
+        return after, aged, taken
+
+    return Laws(area=area, half_turn=half_turn, rub=rub)
 
 
 @cache
-def pair(s: Laws, k: Laws) -> Laws:
+def pressing(s: Laws, is_hertz: bool) -> Laws:
+    """Normal law of a contact in its stiffness and its gap [m]: linear, or Hertz's of spheres."""
+    real, linear = s.real, closing(s)
+
+    if not is_hertz:
+
+        @wp.func
+        def against_wall(radius: real, area: real, compliance: real) -> real:
+            """k = M S/R [N/m]."""
+            return area / compliance
+
+        return Laws(energy=linear.energy, pull=linear.pull, against_wall=against_wall)
+
+    @wp.func
+    def energy(stiffness: real, gap: real) -> real:
+        """U = 2/5 k <-g>^(5/2), that is 8/15 E* sqrt(R) <-g>^(5/2)."""
+        h = wp.max(-gap, real(0.0))
+        return real(0.4) * stiffness * h * h * wp.sqrt(h)
+
+    @wp.func
+    def pull(stiffness: real, gap: real, slack: real) -> real:
+        """-k <-g>^(3/2), k = 4/3 E* sqrt(R) [N/m^(3/2)]."""
+        h = wp.max(slack - gap, real(0.0))
+        return -stiffness * h * wp.sqrt(h)
+
+    @wp.func
+    def against_wall_hertz(radius: real, area: real, compliance: real) -> real:
+        """k = 4/3 E* sqrt(R), 1/E* being the compliance."""
+        return real(4.0 / 3.0) * wp.sqrt(radius) / compliance
+
+    return Laws(energy=energy, pull=pull, against_wall=against_wall_hertz)
+
+
+@cache
+def pair(s: Laws, k: Laws, is_hertz: bool = False) -> Laws:
     """Geometry and stiffness of a listed pair, in the order of its ids whichever side asks."""
     real, place, narrowed, law = s.real, k.real, narrow(s, k), contact(s)
     unit = k.vec(*[1.0 if axis == 0 else 0.0 for axis in range(k.dim)])
@@ -111,10 +177,30 @@ def pair(s: Laws, k: Laws) -> Laws:
         s_ab = law.area(real(2.0) * ra * rb / (ra + rb), width)
         return s_ab / (compliance[nn(a)] + compliance[nn(b)])
 
+    load_normal_stiffness = load_stiffness
+    if is_hertz:
+
+        @wp.func
+        def load_hertz(
+            a: int,
+            b: int,
+            contact_radius: wp.array(dtype=place),
+            contact_width: wp.array(dtype=real),
+            compliance: wp.array(dtype=real),
+        ) -> real:
+            """k = 4/3 E* sqrt(R): compliances (1 - nu^2)/E in series, 1/R = 1/R_a + 1/R_b."""
+            ra = real(contact_radius[nn(a)])
+            rb = real(contact_radius[nn(b)])
+            series = compliance[nn(a)] + compliance[nn(b)]
+            return real(4.0 / 3.0) * wp.sqrt(ra * rb / (ra + rb)) / series
+
+        load_normal_stiffness = load_hertz
+
     return Laws(
         load_distance=load_distance,
         normal=normal,
         load_stiffness=load_stiffness,
+        load_normal_stiffness=load_normal_stiffness,
         narrowed=narrowed,
         widened=narrow(k, s),
     )
@@ -122,46 +208,20 @@ def pair(s: Laws, k: Laws) -> Laws:
 
 @cache
 def contact_forces(
-    s: Laws, k: Laws, has_friction: bool, ages: bool, has_restitution: bool, has_walls: bool
+    s: Laws,
+    k: Laws,
+    has_friction: bool,
+    ages: bool,
+    has_restitution: bool,
+    is_hertz: bool = False,
 ):
     """Pass over elements that may touch: force and torque of all their contacts, into one slot.
 
     ages: some friction has a state, that of rate and state.
     """
-    real, place, geometry, law, spring_law = s.real, k.real, pair(s, k), contact(s), closing(s)
-    narrowed, widened, holding = geometry.narrowed, geometry.widened, friction_law(s, ages)
-
-    @wp.func
-    def rub(
-        spring: s.vec,
-        before: s.vec,
-        n: s.vec,
-        arm_a: real,
-        arm_b: real,
-        motion: s.vec,
-        wa: s.spin,
-        wb: s.spin,
-        stiffness: real,
-        pull: real,
-        mu: real,
-        row: int,
-        friction_numbers: wp.array(dtype=wp.float64),
-        theta: wp.float64,
-        dt: real,
-    ):
-        """Tangential spring after a step, the pair's state, and what its slip took [J].
-
-        motion: of b's centre against a's; that of the two points that touch is less by the turns
-        of their arms.
-        """
-        ha = law.half_turn(wa, dt)
-        hb = law.half_turn(wb, dt)
-        turned = law.carried(spring, before, n, real(0.5) * (ha + hb))
-        motion -= s.rotate(arm_a * ha + arm_b * hb, before + n)
-        trial = turned + motion - wp.dot(motion, n) * n
-        after, aged = holding.held(trial, pull, stiffness, mu, row, friction_numbers, theta, dt)
-        taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
-        return after, aged, taken
+    real, place, geometry, law = s.real, k.real, pair(s, k, is_hertz), contact(s, ages)
+    spring_law = pressing(s, is_hertz)
+    narrowed, widened = geometry.narrowed, geometry.widened
 
     def contact_forces(
         # model
@@ -173,13 +233,8 @@ def contact_forces(
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
-        wall_normal: wp.array(dtype=real),
-        wall_velocity: wp.array(dtype=real),
-        wall_distance: wp.array(dtype=place),
-        wall_friction: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
-        wall_shift: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
@@ -189,12 +244,6 @@ def contact_forces(
         contact_spring: wp.array(dtype=real),
         contact_theta: wp.array(dtype=wp.float64),
         slip_energy: wp.array(dtype=wp.float64),
-        wall_debt: wp.array(dtype=real),
-        wall_opened: wp.array(dtype=int),
-        wall_spring: wp.array(dtype=real),
-        wall_theta: wp.array(dtype=wp.float64),
-        wall_reaction: wp.array(dtype=real),
-        wall_work: wp.array(dtype=wp.float64),
         any_touched: wp.array(dtype=int),
         contact_moment: wp.array(dtype=real),
         end_force: wp.array(dtype=real),
@@ -202,16 +251,12 @@ def contact_forces(
         friction: real,
         dt: place,
         first_place: int,
-        rows: int,
-        walls: int,
     ):
         t = wp.tid()
         i = contact_elements[t]
         force = s.vec()
         torque = s.no_spin()
         moment = s.mat3()
-        vi = s.load(velocity, i)
-        wi = s.load_spin(angular_velocity, i)
         for e in range(contact_start[t], contact_start[t + 1]):
             j = contact_neighbour[e]
             a = wp.min(i, j)
@@ -231,7 +276,7 @@ def contact_forces(
                 before = real(r_before - reach)
                 n = narrowed(n_now)
                 nb = narrowed(n_then)
-                stiffness = geometry.load_stiffness(
+                stiffness = geometry.load_normal_stiffness(
                     a, b, contact_radius, contact_width, contact_compliance
                 )
                 pull = spring_law.pull(stiffness, gap, real(0.0))
@@ -260,7 +305,7 @@ def contact_forces(
                     theta = wp.float64(0.0)
                     if wp.static(ages):
                         theta = contact_theta[e]
-                    spring, theta, taken = rub(
+                    spring, theta, taken = law.rub(
                         s.load(contact_spring, e), nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
                         shear, pull, friction, 0, friction_numbers, theta, real(dt),
                     )  # fmt: skip
@@ -275,58 +320,6 @@ def contact_forces(
                     force += f
                 else:
                     force -= f
-        if wp.static(has_walls):
-            for w in range(walls):
-                e = w * rows + t
-                n = s.load(wall_normal, w)
-                vw = s.load(wall_velocity, w)
-                dn = place(0.0)
-                u = k.load(displacement, i)
-                for axis in range(wp.static(k.dim)):
-                    dn += place(n[axis]) * u[axis]
-                gap = real(wall_distance[e] + dn - wall_shift[w])
-                passed = real(dt) * (vi - vw)
-                before = gap - wp.dot(n, passed)
-                f = s.vec()
-                if gap < real(0.0) or before < real(0.0):
-                    radius = real(contact_radius[i])
-                    wide = law.area(radius, contact_width[i])
-                    stiffness = wide / contact_compliance[i]
-                    pull = spring_law.pull(stiffness, gap, real(0.0))
-                    was = spring_law.pull(stiffness, before, real(0.0))
-                    owed = spring_law.energy(stiffness, gap)
-                    owed -= spring_law.energy(stiffness, before)
-                    owed -= real(0.5) * (pull + was) * wp.dot(n, passed)
-                    wall_debt[e] = wall_debt[e] + owed
-                    if (gap < real(0.0)) != (before < real(0.0)):
-                        any_touched[0] = 1
-                        if wp.static(has_restitution) and gap >= real(0.0):
-                            wall_opened[e] = 1
-                    f = -pull * n
-                    f_before = -was * n
-                    if wp.static(has_friction):
-                        shear = wide / contact_shear[i]
-                        old = s.load(wall_spring, e)
-                        # from the wall, a, to the element, b
-                        theta = wp.float64(0.0)
-                        if wp.static(ages):
-                            theta = wall_theta[e]
-                        spring, theta, taken = rub(
-                            old, n, n, real(0.0), radius + gap, passed, s.no_spin(), wi,
-                            shear, pull, wall_friction[w], 1 + w, friction_numbers, theta, real(dt),
-                        )  # fmt: skip
-                        if wp.static(ages):
-                            wall_theta[e] = theta
-                        s.store(wall_spring, e, spring)
-                        f -= shear * spring
-                        f_before -= shear * old
-                        slip_energy[t] = slip_energy[t] + wp.float64(taken)
-                        torque += (radius + gap) * s.cross(n, shear * spring)
-                    force += f
-                    moment -= (radius + gap) * wp.outer(s.embed(n), s.embed(f))
-                    done = real(0.5) * real(dt) * wp.dot(f + f_before, vw)
-                    wall_work[t] = wall_work[t] + wp.float64(done)
-                s.store(wall_reaction, e, -f)
         s.store_tensor(contact_moment, i, real(0.5) * (moment + wp.transpose(moment)))
         s.store(end_force, first_place + i, force)
         s.store_spin(end_torque, first_place + i, torque)
@@ -335,9 +328,10 @@ def contact_forces(
 
 
 @cache
-def contact_energies(s: Laws, k: Laws, has_friction: bool, has_walls: bool):
-    """Per element that may touch: half the energy of its pairs, and that of walls [J]."""
-    real, place, geometry, law, spring_law = s.real, k.real, pair(s, k), contact(s), closing(s)
+def contact_energies(s: Laws, k: Laws, has_friction: bool, is_hertz: bool = False):
+    """Per element that may touch: half the energy of its pairs [J]."""
+    real, place, geometry = s.real, k.real, pair(s, k, is_hertz)
+    spring_law = pressing(s, is_hertz)
 
     def contact_energies(
         # model
@@ -349,17 +343,11 @@ def contact_energies(s: Laws, k: Laws, has_friction: bool, has_walls: bool):
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
-        wall_normal: wp.array(dtype=real),
-        wall_distance: wp.array(dtype=place),
         # state read
-        wall_shift: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
         contact_spring: wp.array(dtype=real),
-        wall_spring: wp.array(dtype=real),
         # written
         contact_energy: wp.array(dtype=real),
-        rows: int,
-        walls: int,
     ):
         t = wp.tid()
         i = contact_elements[t]
@@ -370,7 +358,7 @@ def contact_energies(s: Laws, k: Laws, has_friction: bool, has_walls: bool):
             _n, r = geometry.normal(d)
             gap = real(r - (contact_radius[wp.min(i, j)] + contact_radius[wp.max(i, j)]))
             if gap < real(0.0):
-                stiffness = geometry.load_stiffness(
+                stiffness = geometry.load_normal_stiffness(
                     i, j, contact_radius, contact_width, contact_compliance
                 )
                 energy += real(0.5) * spring_law.energy(stiffness, gap)
@@ -380,33 +368,15 @@ def contact_energies(s: Laws, k: Laws, has_friction: bool, has_walls: bool):
                     )
                     spring = s.load(contact_spring, e)
                     energy += real(0.25) * shear * wp.dot(spring, spring)
-        if wp.static(has_walls):
-            for w in range(walls):
-                e = w * rows + t
-                n = s.load(wall_normal, w)
-                dn = place(0.0)
-                u = k.load(displacement, i)
-                for axis in range(wp.static(k.dim)):
-                    dn += place(n[axis]) * u[axis]
-                gap = real(wall_distance[e] + dn - wall_shift[w])
-                wide = law.area(real(contact_radius[i]), contact_width[i])
-                energy += spring_law.energy(wide / contact_compliance[i], gap)
-                if wp.static(has_friction):
-                    spring = s.load(wall_spring, e)
-                    energy += real(0.5) * wide / contact_shear[i] * wp.dot(spring, spring)
         contact_energy[t] = energy
 
     return kernel(contact_energies, simd=False)
 
 
 @cache
-def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
-    """Pass over elements that may touch: what their pairs owe is paid by impulses along n.
-
-    Where a pair has opened, restitution takes the share 1 - e^2 of what its motion apart has.
-    """
-    real, place, geometry, spring_law = s.real, k.real, pair(s, k), closing(s)
-    narrowed = geometry.narrowed
+def opening(s: Laws, has_restitution: bool) -> Laws:
+    """What restitution takes where a contact has opened."""
+    real = s.real
 
     if has_restitution:
 
@@ -429,6 +399,18 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
             has = wp.max(real(0.5) * speed * speed / yield_both - debt, real(0.0))
         return (real(1.0) - restitution * restitution) * has
 
+    return Laws(has_opened=has_opened, bounced=bounced)
+
+
+@cache
+def contact_settle(s: Laws, k: Laws, has_restitution: bool):
+    """Pass over elements that may touch: what their pairs owe is paid by impulses along n.
+
+    Where a pair has opened, restitution takes the share 1 - e^2 of what its motion apart has.
+    """
+    real, place, geometry, spring_law = s.real, k.real, pair(s, k), closing(s)
+    narrowed, ends = geometry.narrowed, opening(s, has_restitution)
+
     def contact_settle(
         # model
         contact_elements: wp.array(dtype=int),
@@ -436,8 +418,6 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
         contact_neighbour: wp.array(dtype=int),
         contact_reference: wp.array(dtype=place),
         inverse_mass: wp.array(dtype=real),
-        wall_normal: wp.array(dtype=real),
-        wall_velocity: wp.array(dtype=real),
         # state read
         displacement: wp.array(dtype=place),
         velocity: wp.array(dtype=real),
@@ -446,15 +426,9 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
         contact_impulse: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
         restitution_energy: wp.array(dtype=wp.float64),
-        wall_debt: wp.array(dtype=real),
-        wall_impulse: wp.array(dtype=real),
-        wall_opened: wp.array(dtype=int),
-        wall_work: wp.array(dtype=wp.float64),
         settling_impulse: wp.array(dtype=real),
         restitution: real,
         share: real,
-        rows: int,
-        walls: int,
     ):
         t = wp.tid()
         i = contact_elements[t]
@@ -462,7 +436,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
         for e in range(contact_start[t], contact_start[t + 1]):
             last = contact_impulse[e]
             debt = contact_debt[e]
-            opened = has_opened(contact_opened, e)
+            opened = ends.has_opened(contact_opened, e)
             if last != real(0.0) or debt != real(0.0) or opened:
                 j = contact_neighbour[e]
                 a = wp.min(i, j)
@@ -475,7 +449,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
                 yield_both += wp.dot(n, wp.cw_mul(s.load(inverse_mass, b), n))
                 debt += real(0.5) * last * speed
                 if opened:
-                    loss = bounced(speed, yield_both, debt, restitution)
+                    loss = ends.bounced(speed, yield_both, debt, restitution)
                     debt += loss
                     half = wp.float64(real(0.5) * loss)
                     restitution_energy[t] = restitution_energy[t] + half
@@ -489,29 +463,6 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, has_walls: bool):
                     total -= size * n
                 else:
                     total += size * n
-        if wp.static(has_walls):
-            for w in range(walls):
-                e = w * rows + t
-                last = wall_impulse[e]
-                debt = wall_debt[e]
-                opened = has_opened(wall_opened, e)
-                n = s.load(wall_normal, w)
-                vw = s.load(wall_velocity, w)
-                speed = wp.dot(n, s.load(velocity, i) - vw)
-                yielding = wp.dot(n, wp.cw_mul(s.load(inverse_mass, i), n))
-                debt += real(0.5) * last * speed
-                if opened:
-                    loss = bounced(speed, yielding, debt, restitution)
-                    debt += loss
-                    restitution_energy[t] = restitution_energy[t] + wp.float64(loss)
-                    wall_opened[e] = 0
-                size = real(0.0)
-                if debt != real(0.0):
-                    size = share * spring_law.impulse(debt, speed, yielding)
-                wall_debt[e] = debt + real(0.5) * size * speed
-                wall_impulse[e] = size
-                wall_work[t] = wall_work[t] + wp.float64(size * wp.dot(n, vw))
-                total += size * n
         s.store(settling_impulse, i, total)
 
     return kernel(contact_settle, simd=False)

@@ -24,37 +24,110 @@ wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no line for ev
 def nn(i: int) -> int: ...  # an index known not to be negative: turns gathers into plain loads
 
 
+CHUNK = 64  # indices: whole vectors of any width, and whole cache lines
 _LOOP = "    for (size_t task_index = 0; task_index < dim->size; ++task_index)"
-_PRAGMA = """#ifdef WARPDEM_SIMD
+# shape and size of a launch over one dimension agree; in a thread's share of it they do not
+_PATCH = """    size_t task_first = 0;
+#ifdef WARPDEM
+    if ({launch_ndim} == 1 && dim->shape[0] > dim->size) task_first = dim->shape[0] - dim->size;
+#endif
+#ifdef WARPDEM_SIMD
     _Pragma("clang loop vectorize(assume_safety) interleave(disable)")
 #endif
-"""
+    for (size_t task_index = task_first; task_index < dim->size; ++task_index)"""
 
 
 @cache
-def simd_flags() -> str | None:
-    """Compiler flags that vectorise a kernel's loop on a CPU, or None where Warp is not known.
+def is_patched() -> bool:
+    """Whether CPU loops can be vectorised and shared out: not where this Warp's code is unknown.
 
-    Warp runs a CPU kernel as one scalar loop. A pragma in its code template, active only in kernels
-    compiled with these flags, states that iterations are independent. That holds for kernels that
-    write at their own index, into their own bond's slots, or one constant into a flag; one with an
-    atomic would silently lose updates.
+    Warp runs a CPU kernel as one scalar loop. Two changes to its code template, active only in
+    kernels compiled with the flags below, let the loop begin at a thread's share, and state that
+    iterations are independent. That holds for kernels that write at their own index, into their own
+    bond's slots, or one constant into a flag; one with an atomic would silently lose updates.
     """
     import warp._src.codegen as codegen
 
     template = getattr(codegen, "cpu_module_template_forward", "")
     if template.count(_LOOP) != 1:
+        return False
+    codegen.cpu_module_template_forward = template.replace(_LOOP, _PATCH)
+    return True
+
+
+def compiler_flags(simd: bool) -> str | None:
+    """Compiler flags of kernels on a CPU, or None where Warp is not known."""
+    if not is_patched():
         return None
-    codegen.cpu_module_template_forward = template.replace(_LOOP, _PRAGMA + _LOOP)
-    return (
-        (wp.config.cpu_compiler_flags or "")
-        + " -ffp-contract=fast -fno-signed-zeros -mprefer-vector-width=512 -Wno-pass-failed"
-        + " -DWARPDEM_SIMD=1"
-    )
+    flags = (wp.config.cpu_compiler_flags or "") + " -DWARPDEM=1"
+    if simd:
+        flags += " -ffp-contract=fast -fno-signed-zeros -mprefer-vector-width=512"
+        flags += " -Wno-pass-failed -DWARPDEM_SIMD=1"
+    return flags
+
+
+def is_shareable(kernel: wp.Kernel) -> bool:
+    """Whether threads can take shares of a launch of this kernel."""
+    return "-DWARPDEM=1" in (kernel.module.options.get("cpu_compiler_flags") or "")
+
+
+# A thread that waits looks often at first, then lets others have its core: give_way is the address
+# of the system's function for that, as Warp's compiler knows of none.
+_LOOK = """
+#if defined(__x86_64__)
+        __builtin_ia32_pause();
+#endif
+        if (look > 2000 && give_way) ((void (*)())give_way)();
+"""
+
+
+@wp.func_native(
+    """
+#if !defined(__CUDA_ARCH__)
+    unsigned long long* arrived = (unsigned long long*)counters.data;
+    unsigned long long n = __atomic_fetch_add(arrived, 1ull, __ATOMIC_ACQ_REL);
+    unsigned long long all = (n / threads + 1ull) * threads;
+    for (long long look = 0; __atomic_load_n(arrived, __ATOMIC_ACQUIRE) < all; ++look) {"""
+    + _LOOK
+    + """    }
+#endif
+"""
+)
+def meet(counters: wp.array(dtype=wp.uint64), threads: wp.uint64, give_way: wp.uint64): ...
+
+
+@wp.func_native(
+    """
+#if !defined(__CUDA_ARCH__)
+    unsigned long long* count = (unsigned long long*)counters.data + 8;
+    for (int look = 0; look < patience; ++look) {
+        if (__atomic_load_n(count, __ATOMIC_ACQUIRE) > begun) return;"""
+    + _LOOK
+    + """    }
+#endif
+"""
+)
+def wait(
+    counters: wp.array(dtype=wp.uint64), begun: wp.uint64, patience: int, give_way: wp.uint64
+): ...
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def rendezvous(counters: wp.array(dtype=wp.uint64), threads: wp.uint64, give_way: wp.uint64):
+    """Returns when as many threads have called it."""
+    meet(counters, threads, give_way)
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def wait_for(
+    counters: wp.array(dtype=wp.uint64), begun: wp.uint64, patience: int, give_way: wp.uint64
+):
+    """Returns when more than `begun` graphs have begun, or after so many looks."""
+    wait(counters, begun, patience, give_way)
 
 
 def kernel(function, simd: bool = True):
     """A kernel of its own module; `simd` vectorises it if this Warp allows it."""
-    flags = simd_flags() if simd else None
+    flags = compiler_flags(simd)
     options = {} if flags is None else {"cpu_compiler_flags": flags}
     return wp.kernel(function, module="unique", enable_backward=False, module_options=options)

@@ -87,10 +87,12 @@ class PlaneProbe:
         self._times: list[float] = []
         self._rows: list[tuple[Array, Array]] = []
         self._bonds: tuple[NDArray[np.int64], Array] | None = None
+        self._model: object = None  # whose bonds these are: renewed faces bring others
 
     def observe(self, sim: Simulation) -> None:
         """Sum the bonds' forces now."""
-        if self._bonds is None:
+        if self._bonds is None or self._model is not sim.model:
+            self._model = sim.model
             side = (sim.position - sim.displacement - self.point) @ self.normal > 0.0
             i, j = side[sim.bonds].T
             ids = np.flatnonzero(i != j)

@@ -14,6 +14,7 @@ from . import (  # noqa: F401  they register
     plastic,
     rock,
     visco,
+    wall,
     waves,
 )
 from .case import CASES, Case, Check, Measurement, as_markdown, cases

@@ -95,8 +95,8 @@ def velocity_steps() -> Iterator[Measurement]:
     ):
         # slow enough for 1000 steps over Dc, on a contact that is stiff against the law
         law = replace(ROCK, law=kind, V0=4e-5, Dc=2e-3)
-        e = float(np.e)
-        sim, stiffness = pressed(law, precision, dim, law.V0, e * law.V0, 1e-6)
+        faster = float(np.e)
+        sim, stiffness = pressed(law, precision, dim, law.V0, faster * law.V0, 1e-6)
         wall = sim.scene.walls[0]
         steady = law.mu0
         # from rest: friction rises on the contact's spring
@@ -111,7 +111,7 @@ def velocity_steps() -> Iterator[Measurement]:
         found, times = np.array(mu), np.array(time)
         jump = 8000 * sim.dt
         wanted, _ = slider(
-            law, stiffness, lambda t: law.V0 if t < jump else e * law.V0, 1e-9,
+            law, stiffness, lambda t: law.V0 if t < jump else faster * law.V0, 1e-9,
             law.Dc / law.V0, np.append(0.0, times), np.array([jump]),
         )  # fmt: skip
         where = f"{kind} law, {precision}, {dim}D"

@@ -12,6 +12,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from ..errors import Array, InputError, one_of
 from ..fields import pressure, von_mises
+from ..wall import Box, Mesh, Plane, Shape, Sphere
 from .whole import folder, whole
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ class UsdWriter:
     Elements are one `UsdGeom.Points`, /World/elements, with widths, ids (the packing's) and the
     fields velocity [m/s], mean_stress [Pa], von_mises [Pa], damage and, where bodies may flow,
     plastic_strain as primvars; broken bonds are linear curves, /World/broken_bonds, and so are the
-    linked bonds of bodies without faces, /World/bonds. Lengths are in metres, z is up, a plane
+    linked bonds of bodies without faces, /World/bonds. Walls are /World/wall_0 and so on, with
+    their motion; infinite ones end beyond the scene. Lengths are in metres, z is up, a plane
     scene lies at z = 0. One time code is one frame; the simulated time [s] of each is the attribute
     `warpdem:time` of /World.
 
@@ -55,6 +57,11 @@ class UsdWriter:
         self._write_curves(self._broken, place[pairs[~linked]], time)
         if self._rods.any():
             self._write_curves(self._bonds, place[pairs[linked & self._rods]], time)
+        for wall, (move, turn) in zip(sim.scene.walls, self._wall_moves, strict=True):
+            at, q = sim.wall_pose(wall)
+            move.Set(Gf.Vec3d(*_in_space(at[None])[0].tolist()), time)
+            x, y, z, w = (0.0, 0.0, *q) if len(q) == 2 else q
+            turn.Set(Gf.Quatf(float(w), float(x), float(y), float(z)), time)
         stage.SetEndTimeCode(self._frame)
         self._frame += 1
 
@@ -99,6 +106,10 @@ class UsdWriter:
         self._broken = self._define_curves(stage, "broken_bonds", 0.2, (0.85, 0.1, 0.1))
         if self._rods.any():
             self._bonds = self._define_curves(stage, "bonds", 0.3, (0.5, 0.5, 0.55))
+        self._wall_moves = [
+            _define_wall(stage, f"/World/wall_{n}", wall.shape, float(np.ptp(sim.position)))
+            for n, wall in enumerate(sim.scene.walls)
+        ]
         self._stage = stage
         return stage
 
@@ -141,6 +152,56 @@ class UsdWriter:
         curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), time)
         width = np.full(2 * len(ends), curves.GetWidthsAttr().Get()[0])
         curves.GetExtentAttr().Set(_extent(ends.reshape(-1, 3), width), time)
+
+
+def _define_wall(
+    stage: Usd.Stage, path: str, shape: Shape, size: float
+) -> tuple[UsdGeom.XformOp, UsdGeom.XformOp]:
+    """A wall's shape about its place, infinite ones of a size; what moves and turns it."""
+    prim: UsdGeom.Gprim
+    if isinstance(shape, Sphere):
+        prim = UsdGeom.Sphere.Define(stage, path)
+        prim.CreateRadiusAttr(shape.radius)
+        reach = np.full((1, 3), shape.radius)
+        prim.CreateExtentAttr(_vectors(np.concatenate([-reach, reach])))
+    else:
+        points, faces = _surface(shape, size)
+        prim = UsdGeom.Mesh.Define(stage, path)
+        prim.CreatePointsAttr(_vectors(points))
+        prim.CreateFaceVertexCountsAttr([len(f) for f in faces])
+        prim.CreateFaceVertexIndicesAttr([int(i) for f in faces for i in f])
+        prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        prim.CreateDoubleSidedAttr(True)
+        prim.CreateExtentAttr(_extent(points, np.zeros(len(points))))
+    prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(0.6, 0.6, 0.65)])
+    return prim.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble), prim.AddOrientOp()
+
+
+def _surface(shape: Shape, size: float) -> tuple[Array, list[list[int]]]:
+    """Corners (p, 3) of a shape from its place, and its faces, against the clock from outside."""
+    if isinstance(shape, Mesh):
+        return shape.vertices - shape.place, shape.faces.tolist()
+    assert not isinstance(shape, Sphere)
+    if isinstance(shape, Box):
+        half = np.append(0.5 * shape.size, np.full(3 - len(shape.size), 1e-3 * size))
+        corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+        faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+        return half * corners, faces
+    axis = _in_space((shape.normal if isinstance(shape, Plane) else shape.axis)[None])[0]
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    across /= np.linalg.norm(across)
+    other = np.cross(axis, across)
+    if isinstance(shape, Plane):
+        ends = [across + other, other - across, -across - other, across - other]
+        return size * np.array(ends), [[0, 1, 2, 3]]
+    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    ring = shape.radius * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * other)
+    end = min(0.5 * shape.length, size) * axis
+    n = len(angle)
+    faces = [[i, (i + 1) % n, n + (i + 1) % n, n + i] for i in range(n)]
+    if not shape.hollow:
+        faces += [[*range(n)][::-1], [*range(n, 2 * n)]]
+    return np.concatenate([ring - end, ring + end]), faces
 
 
 def _ids(packings: list) -> NDArray[np.int64]:

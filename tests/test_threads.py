@@ -1,0 +1,70 @@
+"""Threads of a CPU: the same results to the bit, whatever their number."""
+
+import numpy as np
+import pytest
+
+import warpdem as wd
+from warpdem import passes
+
+pytestmark = pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
+
+
+def breaking_plate(threads, precision="float64"):
+    glass = wd.Material(72e9, 0.22, 2440)
+    plate = wd.packing.hexagonal(size=(0.12, 0.08), spacing=1e-3, plane="strain")
+    scene = wd.Scene()
+    body = scene.add(plate, glass, fracture=wd.Rankine(10e6))
+    scene.contact(friction=0.3)
+    scene.cut(body, start=(0, 0.04), end=(0.03, 0.04))
+    scene.pull(body, where=plate.top, traction=(0, 12e6))
+    scene.pull(body, where=plate.bottom, traction=(0, -12e6))
+    return wd.Simulation(scene, precision=precision, threads=threads)
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_results_do_not_depend_on_threads(precision):
+    one, two = breaking_plate(1, precision), breaking_plate(2, precision)
+    assert len(one.displacement) > 2 * passes.SHARED  # launches are shared out
+    for sim in (one, two):
+        sim.run(steps=120)
+    assert len(one.broken_bonds()) > 10
+    assert np.array_equal(one.displacement, two.displacement)
+    assert np.array_equal(one.broken_bonds(), two.broken_bonds())
+    assert one.energy() == two.energy()
+
+
+def test_every_index_is_taken_by_one_thread():
+    sim = breaking_plate(2)
+    team = sim._step._team
+    for launch in sim._step._forces.launches:
+        size = launch.bounds.size
+        taken = []
+        for share in (team._share(launch, rank) for rank in range(2)):
+            if share is not None:
+                last = share.bounds.size
+                taken += range(share.bounds.shape[0] - last, last)
+        assert taken == list(range(size))
+
+
+def test_a_team_ends_with_its_simulation():
+    import gc
+    import threading
+    import time
+
+    before = threading.active_count()
+    sim = breaking_plate(2)
+    sim.run(steps=3)
+    assert threading.active_count() == before + 1
+    del sim
+    gc.collect()
+    for _ in range(200):
+        if threading.active_count() == before:
+            break
+        time.sleep(0.01)
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("threads", [0, 10_000])
+def test_a_number_of_threads_that_cannot_be_is_refused(threads):
+    with pytest.raises(wd.InputError, match="may use"):
+        breaking_plate(threads)
