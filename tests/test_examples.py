@@ -86,12 +86,18 @@ def test_plasticity_script(tmp_path, monkeypatch, capsys):
 
 def test_contact_scripts(tmp_path, monkeypatch, capsys):
     page = (ROOT / "docs" / "contact.md").read_text()
-    touching, tool = re.findall(r"```python\n(.*?)```", page, re.S)
+    touching, healing, tool = re.findall(r"```python\n(.*?)```", page, re.S)
     monkeypatch.chdir(tmp_path)
     exec(compile(touching, "contact.md", "exec"), {})
     count, force, slipped, error = map(float, capsys.readouterr().out.split())
     assert count > 50 and force > 0.0 and slipped > 0.0
     assert abs(error) < 1e-4
+    plain = "scene.add(disc, rock, fracture=wd.Rankine(8e6))\n"
+    assert plain in touching
+    names: dict = {}
+    exec(compile(touching.replace(plain, healing), "contact.md", "exec"), names)
+    assert len(names["sim"].relinked_bonds()) > 0
+    assert abs(float(capsys.readouterr().out.split()[-1])) < 1e-4
     exec(compile(tool, "contact.md", "exec"), {})
     across, along, torque, work, error = map(float, capsys.readouterr().out.split())
     assert 0.5e6 < along < 1.1e6

@@ -128,7 +128,7 @@ def test_every_experiment_agrees_with_its_commands():
         keywords = {"device", "precision", "out", "observers", "say"}
         assert keywords <= set(taken) or "options" in taken, name
         for commands, own in (
-            (cli.run, {"out", "compile_only"}),
+            (cli.run, {"out", "compile_only", "threads"}),
             (cli.many, {"out", "jobs", "engine", "engine_options", "result", "against", "retry"}),
         ):
             (command,) = [c for c in commands.registered_commands if c.name == name]

@@ -27,6 +27,7 @@ from .errors import (
     TooFastError,
     TroubledBondError,
 )
+from .friction import RateAndState
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
 from .observe import (
@@ -98,6 +99,7 @@ __all__ = [
     "Probe",
     "Prony",
     "Rankine",
+    "RateAndState",
     "Rectangle",
     "Scene",
     "Servo",

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import Array
+from .friction import Friction
 from .packing import Mask, Packing
 
 
@@ -13,7 +14,7 @@ from .packing import Mask, Packing
 class Contact:
     """How elements touch that no bond joins. Made by `Scene.contact`."""
 
-    friction: float
+    friction: Friction
     restitution: float
     skin: float  # of the list of neighbours, over the median radius
     law: str = "linear"  # or "hertz"

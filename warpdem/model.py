@@ -18,6 +18,7 @@ from .criteria import (
     criterion_of,
 )
 from .errors import Array, InputError, first_ids
+from .friction import RateAndState, coulomb, numbers, rubs
 from .kernels.face import Faces
 from .kernels.fracture import Test
 from .kernels.plastic import Flow
@@ -225,6 +226,7 @@ class Model:
     wall_kind: Ids | None = None  # (walls,)
     wall_shape: Array | None = None  # (walls, 8) numbers of each shape
     wall_friction: Array | None = None  # (walls,)
+    friction_numbers: Array | None = None  # (1 + walls, 7) of pairs, of walls, if some have a state
     wall_first_face: Ids | None = None  # (walls,) of a mesh among all
     face_place: Array | None = None  # (3 faces, 3) corners of all meshes, from their walls' places
     nodes: int = 0  # stored after all other elements
@@ -234,13 +236,18 @@ class Model:
     def rubs(self) -> bool:
         """Whether contacts have friction."""
         return self.contact is not None and (
-            self.contact.friction > 0.0 or any(wall.friction > 0.0 for wall in self.walls)
+            rubs(self.contact.friction) or any(rubs(wall.friction) for wall in self.walls)
         )
 
     @property
     def faces_rub(self) -> bool:
         """Whether closed faces of unlinked pairs have friction."""
-        return self.contact is not None and self.contact.friction > 0.0 and self.facet_listed > 0
+        return self.contact is not None and rubs(self.contact.friction) and self.facet_listed > 0
+
+    @property
+    def ages(self) -> bool:
+        """Whether some friction has a state, that of rate and state."""
+        return self.friction_numbers is not None
 
     @property
     def softens(self) -> bool:
@@ -349,6 +356,8 @@ def state_arrays(
             for name in ("closing_slip", "closing_spring"):
                 state[name] = np.zeros((model.facet_listed, f.dim))
             state["closing_slip_energy"] = np.zeros(model.facet_listed)
+            if model.ages:
+                state["closing_theta"] = np.zeros(model.facet_listed)
     if model.contact is not None:
         rows = len(model.contact_elements) if model.contact_elements is not None else 0
         state["contact_moment"] = np.zeros((n, 4 if f.dim == 2 else 6))
@@ -375,6 +384,8 @@ def state_arrays(
             state["wall_work"] = np.zeros(rows)
             if model.rubs:
                 state["wall_spring"] = np.zeros((walls, rows, f.dim))
+            if model.ages:
+                state["wall_theta"] = np.zeros((walls, rows))
             if model.contact.restitution < 1.0:
                 state["wall_opened"] = np.zeros((walls, rows), dtype=np.int32)
     if f.faces.has_rest:
@@ -848,8 +859,8 @@ def _check_healing(scene: Scene, has_yield: bool, has_creep: bool) -> None:
             "healing is for elastic bodies: links made again do not know of slips that flow or "
             "creep has left; leave yielding and viscous, or healing, out of the scene."
         )
-    rubs = scene.contacts is not None and scene.contacts.friction > 0.0
-    if not rubs and any(b.healing is not None and b.healing.work > 0.0 for b in scene.bodies):
+    touching = scene.contacts is not None and rubs(scene.contacts.friction)
+    if not touching and any(b.healing is not None and b.healing.work > 0.0 for b in scene.bodies):
         raise InputError(
             "healing after work of slip needs friction: call scene.contact(friction=...), or "
             "leave work at 0."
@@ -1443,6 +1454,7 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     for body in bodies:
         may_touch[body.packing.bonds[~body.linked | body.breakable] + starts[id(body)]] = True
     elements = np.flatnonzero(may_touch)
+    assert scene.contacts is not None
     model.contact, model.walls = scene.contacts, tuple(scene.walls)
     model.contact_elements = elements.astype(np.int32)
     radius = np.ones(model.elements)
@@ -1468,6 +1480,9 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle
+    laws = [model.contact.friction, *(w.friction for w in model.walls)]
+    if any(isinstance(law, RateAndState) for law in laws):
+        model.friction_numbers = np.array([numbers(law) for law in laws])
     if model.faces_rub:
         assert model.facet_stiffness is not None and model.listed_bonds is not None
         model.closing_shear = model.facet_stiffness[model.listed_bonds[: model.facet_listed]]
@@ -1487,7 +1502,7 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
 def _add_walls(model: Model) -> None:
     """Walls' shapes as the device knows them."""
     walls, dim = model.walls, model.features.dim
-    model.wall_friction = np.array([w.friction for w in walls])
+    model.wall_friction = np.array([coulomb(w.friction) for w in walls])
     model.wall_kind = np.zeros(len(walls), dtype=np.int32)
     model.wall_shape = np.zeros((len(walls), SHAPE_NUMBERS))
     first, corners = np.zeros(len(walls), dtype=np.int32), [np.zeros((0, 3))]

@@ -28,7 +28,8 @@ class Neighbours:
     The arrays it makes live among those of the step: `contact_start` (m + 1,), the rows of the
     elements that may touch; over the rows' entries `contact_neighbour`, `contact_reference` (from
     element to neighbour in the reference state), `contact_debt`, `contact_impulse`, and, where they
-    are asked for, `contact_spring` and `contact_opened`. They grow as the list does.
+    are asked for, `contact_spring`, `contact_theta` and `contact_opened`. They grow as the list
+    does.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class Neighbours:
         self.skin = model.contact.skin * float(np.median(radius))
         self._greatest = float(radius.max())
         self._has_friction = model.rubs
+        self._ages = model.ages
         self._has_restitution = model.contact.restitution < 1.0
         self._has_parting = model.listed_bonds is not None
         dim = model.features.dim
@@ -96,7 +98,7 @@ class Neighbours:
             wp.launch(law, dim=a["listed_bonds"].size, inputs=inputs, device=self._device)
         old = {
             name: wp.clone(a["contact_" + name])
-            for name in ("start", "neighbour", "debt", "spring")
+            for name in ("start", "neighbour", "debt", "spring", "theta")
             if "contact_" + name in a
         }
         self._list(fills=False)
@@ -106,11 +108,11 @@ class Neighbours:
         if grows:
             self._grow(int(ROOM * needed) + 16)
         self._list(fills=True)
-        law = carry_over(self._s, self._has_friction, self._has_restitution)
+        law = carry_over(self._s, self._has_friction, self._has_restitution, self._ages)
         inputs = [a["contact_start"], a["contact_neighbour"]]
-        inputs += [old["start"], old["neighbour"], old["debt"], old.get("spring")]
+        inputs += [old["start"], old["neighbour"], old["debt"], old.get("spring"), old.get("theta")]
         inputs += [a["contact_debt"], a["contact_impulse"]]
-        inputs += [a.get("contact_opened"), a.get("contact_spring")]
+        inputs += [a.get("contact_opened"), a.get("contact_spring"), a.get("contact_theta")]
         self._launch(law, inputs)
         self.builds += 1
         return grows
@@ -144,6 +146,8 @@ class Neighbours:
         self._new("contact_impulse", most, self._s.real)
         if self._has_friction:
             self._new("contact_spring", dim * most, self._s.real)
+        if self._ages:
+            self._new("contact_theta", most, wp.float64)
         if self._has_restitution:
             self._new("contact_opened", most, wp.int32)
 

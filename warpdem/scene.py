@@ -12,6 +12,7 @@ from .bond import EVMBond
 from .contact import Contact
 from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
 from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
+from .friction import Friction, checked_friction
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
@@ -487,7 +488,7 @@ class Scene:
 
     def contact(
         self,
-        friction: float = 0.0,
+        friction: Friction = 0.0,
         restitution: float = 1.0,
         skin: float = 0.5,
         law: str = "linear",
@@ -495,19 +496,17 @@ class Scene:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
         They touch as spheres, in the plane discs, of the distance to their nearest face, with a
-        stiffness as that of bonds. friction: Coulomb's, between all of them; restitution: speed
-        along the normal after two elements have touched over that before, 0 to 1 (elastic).
-        skin: of the list of neighbours over the median radius; a matter of speed alone. law:
-        "linear", or in space "hertz", of elastic spheres of these radii (friction's springs are
-        the same); its time step is for overlaps up to a twentieth of the radius.
+        stiffness as that of bonds. friction: Coulomb's number or a `RateAndState`, between all of
+        them; restitution: speed along the normal after two elements have touched over that before,
+        0 to 1 (elastic). skin: of the list of neighbours over the median radius; a matter of speed
+        alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
+        springs are the same); its time step is for overlaps up to a twentieth of the radius.
 
         Pairs that a bond joined close and rub on their own face until they have parted; there EVM
         bonds do not rub.
         """
-        mu = float(finite("friction", friction, ()))
+        mu = checked_friction(friction)
         e = float(finite("restitution", restitution, ()))
-        if mu < 0.0:
-            raise InputError(f"friction is {mu:g}; give 0 or more.")
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
         one_of("law", law, ("linear", "hertz"))
@@ -517,7 +516,7 @@ class Scene:
         self,
         shape: Shape | ArrayLike,
         normal: ArrayLike | None = None,
-        friction: float | None = None,
+        friction: Friction | None = None,
         velocity: ArrayLike | None = None,
         spin: ArrayLike | None = None,
         pivot: ArrayLike | None = None,
@@ -552,9 +551,7 @@ class Scene:
         if len(shape.place) != dim:
             hint = "; in the plane take a Sphere or a Box" * isinstance(shape, Cylinder | Mesh)
             raise InputError(f"the wall's shape has dimension {len(shape.place)}, not {dim}{hint}.")
-        mu = self.contacts.friction if friction is None else float(finite("friction", friction, ()))
-        if mu < 0.0:
-            raise InputError(f"friction is {mu:g}; give 0 or more.")
+        mu = self.contacts.friction if friction is None else checked_friction(friction)
         wall = Wall(
             shape,
             mu,

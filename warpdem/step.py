@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .friction import coulomb
 from .kernels.algebra import space
 from .kernels.box import strain_box
 from .kernels.closing import UNKNOWN
@@ -92,6 +93,7 @@ OPTIONAL = frozenset(
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
         *("contact_moment", "contact_spring", "contact_opened", "slip_energy"),
+        *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         "restitution_energy",
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
         *("healing_weight", "healing_strength"),
@@ -109,6 +111,7 @@ SUMS = frozenset(
         *("closing_slip_energy", "relink_energy", "healing_start"),
         *("wall_shape", "face_place"),
         *("wall_place", "wall_place_before", "wall_turn", "wall_turn_before"),
+        *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
     }
 )
 # arithmetic of forces, arithmetic of places
@@ -476,8 +479,9 @@ class Step:
     # -- passes -----------------------------------------------------------------------------------
 
     def _bind_step(self) -> None:
-        half, forces, fracture = 0.5 * self.dt, self._force_passes(), []
-        self._forces = self._passes(forces)
+        half, forces, fracture = 0.5 * self.dt, self._force_passes(dt=self.dt), []
+        # in an evaluation at given places time stands still
+        self._forces = self._passes(self._force_passes() if self.model.ages else forces)
         flow = self._flow_passes()
         if self.model.element_law is not None:
             forces, flow = self._creep_passes()
@@ -517,13 +521,13 @@ class Step:
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
         is_hertz = m.contact.is_hertz
-        law = contact_forces(s, k, m.rubs, bounces, is_hertz)
+        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz)
         place = {"first_place": (m.features.slots - 1) * m.elements}
-        both = []
+        mu, both = coulomb(m.contact.friction), []
         for dt in (self.dt, 0.0):
-            passes = [self._bind(law, rows, dt=dt, friction=m.contact.friction, **place)]
+            passes = [self._bind(law, rows, dt=dt, friction=mu, **place)]
             if walls:
-                on_walls = wall_forces(s, k, kinds, m.rubs, bounces, is_hertz)
+                on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
                 passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
             both.append(self._passes(passes))
         self._contact, self._contact_still = both
@@ -641,7 +645,7 @@ class Step:
             changes.append(across)
         self._creep_changes = changes
         self._remember = self._passes([*openings, *changes])
-        return [*forces, *self._force_passes(has_dilations=True)], books
+        return [*forces, *self._force_passes(has_dilations=True, dt=self.dt)], books
 
     def _retarded(self, is_at_rest: bool) -> wp.Launch:
         m = self.model
@@ -868,10 +872,13 @@ class Step:
             passes.append(power)
         return self._passes(passes), power
 
-    def _force_passes(self, near: bool = False, has_dilations: bool = False) -> list[wp.Launch]:
+    def _force_passes(
+        self, near: bool = False, has_dilations: bool = False, dt: float = 0.0
+    ) -> list[wp.Launch]:
         """Forces of all bonds, or of those near bonds that may break.
 
-        has_dilations: the faces' dilations are at hand, as nothing has moved since.
+        has_dilations: the faces' dilations are at hand, as nothing has moved since; dt: the step
+        that ends there, 0 at given places.
         """
         (s, k), m, f = self._space, self.model, self.model.features
         bonds, facets, elements = m.bonds, m.facet_bonds, m.elements
@@ -880,7 +887,7 @@ class Step:
             listed, listed_elements = self.arrays["near_bonds"], self.arrays["near_elements"]
             bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
         if f.finite_strain:
-            return self._finite_passes(has_dilations)
+            return self._finite_passes(has_dilations, dt)
         passes = []
         if f.has_volume:
             if not has_dilations:
@@ -896,9 +903,9 @@ class Step:
             law = evm_forces(s, k, f.faces, f.has_volume, f.large_rotation, near, self._simd)
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
-        return passes + self._closing()
+        return passes + self._closing(dt)
 
-    def _finite_passes(self, has_openings: bool) -> list[wp.Launch]:
+    def _finite_passes(self, has_openings: bool, dt: float) -> list[wp.Launch]:
         """Forces of all bonds, of facets alone, at finite strain."""
         (s, k), m, f = self._space, self.model, self.model.features
         passes = []
@@ -907,19 +914,24 @@ class Step:
         law = deformations(s, k, f.faces, f.slots, f.has_offset, self._simd)
         passes.append(self._bind(law, m.elements, elements=m.elements))
         passes.append(self._bind(finite_forces(s, k, f.faces, f.has_bending, self._simd), m.bonds))
-        return passes + self._closing()
+        return passes + self._closing(dt)
 
-    def _closing(self) -> list[wp.Launch]:
-        """Unlinked pairs resist closing, and rub where the scene has friction."""
+    def _closing(self, dt: float) -> list[wp.Launch]:
+        """Unlinked pairs resist closing, and rub where the scene has friction.
+
+        dt: in which faces that have a state slide; 0 holds them.
+        """
         (s, k), m, f = self._space, self.model, self.model.features
-        friction = 0.0 if m.contact is None else m.contact.friction
+        friction = 0.0 if m.contact is None else coulomb(m.contact.friction)
         if self._slack > 0.0:  # faces that friction holds are the stiffest
             friction = HOLDS
+        ages = m.faces_rub and m.ages and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, self._simd),
+            facet_closing(s, k, f.faces, m.faces_rub, ages, self._simd),
             evm_closing(s, k, f.faces.has_slip, self._simd),
             slack=self._slack,
             friction=friction,
+            dt=dt,
         )
 
     def _over_listed(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Array, InputError, finite, first_ids, positive
+from .friction import Friction
 
 Path = Callable[[float], Array]  # displacement (dim,) and turn (1,) or (3,) at a time [s]
 
@@ -126,7 +127,7 @@ class Wall:
     """A rigid shape that elements touch. Made by `Scene.wall`."""
 
     shape: Shape
-    friction: float
+    friction: Friction
     velocity: Array  # [m/s]
     spin: Array  # [rad/s]
     pivot: Array  # the point that `spin`, `angle` and a path turn the shape about [m]

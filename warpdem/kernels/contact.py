@@ -14,13 +14,14 @@ import warp as wp
 
 from .algebra import Laws, narrow
 from .closing import closing
+from .friction import friction as friction_law
 from .memory import kernel, nn
 
 
 @cache
-def contact(s: Laws) -> Laws:
-    """Laws of two elements that touch, or of an element and a wall."""
-    real, vec, spin = s.real, s.vec, s.spin
+def contact(s: Laws, ages: bool = False) -> Laws:
+    """Laws of two elements that touch, or of an element and a wall; ages: see `friction`."""
+    real, vec, spin, holding = s.real, s.vec, s.spin, friction_law(s, ages)
 
     if s.dim == 2:
 
@@ -34,12 +35,6 @@ def contact(s: Laws) -> Laws:
         def area(radius: real, width: real) -> real:
             """S = pi R^2."""
             return real(wp.static(pi)) * radius * radius
-
-    @wp.func
-    def slid(spring: vec, limit: real) -> vec:
-        """Tangential spring no longer than friction holds: |k_t s| <= mu N."""
-        size = wp.length(spring)
-        return wp.where(size > limit, (limit / wp.max(size, real(1.0e-30))) * spring, spring)
 
     @wp.func
     def half_turn(w: spin, dt: real) -> spin:
@@ -82,22 +77,26 @@ def contact(s: Laws) -> Laws:
         wa: spin,
         wb: spin,
         stiffness: real,
-        limit: real,
+        pull: real,
+        mu: real,
+        row: int,
+        friction_numbers: wp.array(dtype=wp.float64),
+        theta: wp.float64,
         dt: real,
     ):
-        """Tangential spring after a step, and what its slip took [J].
+        """Tangential spring after a step, the pair's state, and what its slip took [J].
 
         motion: of b's centre against a's; that of the two points that touch is less by the turns
-        of their arms.
+        of their arms. mu: Coulomb's; row: of `friction_numbers`, the pairs' or a wall's.
         """
         ha = half_turn(wa, dt)
         hb = half_turn(wb, dt)
         turned = carried(spring, before, n, real(0.5) * (ha + hb))
         motion -= s.rotate(arm_a * ha + arm_b * hb, before + n)
         trial = turned + motion - wp.dot(motion, n) * n
-        after = slid(trial, limit / stiffness)
+        after, aged = holding.held(trial, pull, stiffness, mu, row, friction_numbers, theta, dt)
         taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
-        return after, taken
+        return after, aged, taken
 
     return Laws(area=area, half_turn=half_turn, rub=rub)
 
@@ -209,10 +208,18 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False) -> Laws:
 
 @cache
 def contact_forces(
-    s: Laws, k: Laws, has_friction: bool, has_restitution: bool, is_hertz: bool = False
+    s: Laws,
+    k: Laws,
+    has_friction: bool,
+    ages: bool,
+    has_restitution: bool,
+    is_hertz: bool = False,
 ):
-    """Pass over elements that may touch: force and torque of all their contacts, into one slot."""
-    real, place, geometry, law = s.real, k.real, pair(s, k, is_hertz), contact(s)
+    """Pass over elements that may touch: force and torque of all their contacts, into one slot.
+
+    ages: some friction has a state, that of rate and state.
+    """
+    real, place, geometry, law = s.real, k.real, pair(s, k, is_hertz), contact(s, ages)
     spring_law = pressing(s, is_hertz)
     narrowed, widened = geometry.narrowed, geometry.widened
 
@@ -226,6 +233,7 @@ def contact_forces(
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
+        friction_numbers: wp.array(dtype=wp.float64),
         # state read
         displacement: wp.array(dtype=place),
         velocity: wp.array(dtype=real),
@@ -234,6 +242,7 @@ def contact_forces(
         contact_debt: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
         contact_spring: wp.array(dtype=real),
+        contact_theta: wp.array(dtype=wp.float64),
         slip_energy: wp.array(dtype=wp.float64),
         any_touched: wp.array(dtype=int),
         contact_moment: wp.array(dtype=real),
@@ -293,10 +302,15 @@ def contact_forces(
                     )
                     wa = s.load_spin(angular_velocity, a)
                     wb = s.load_spin(angular_velocity, b)
-                    spring, taken = law.rub(
+                    theta = wp.float64(0.0)
+                    if wp.static(ages):
+                        theta = contact_theta[e]
+                    spring, theta, taken = law.rub(
                         s.load(contact_spring, e), nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
-                        shear, -friction * pull, real(dt),
+                        shear, pull, friction, 0, friction_numbers, theta, real(dt),
                     )  # fmt: skip
+                    if wp.static(ages):
+                        contact_theta[e] = theta
                     s.store(contact_spring, e, spring)
                     f += shear * spring
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(taken)

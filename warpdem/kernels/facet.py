@@ -11,6 +11,7 @@ import warp as wp
 from .algebra import Laws, narrow
 from .closing import UNKNOWN, closing
 from .face import Faces, face
+from .friction import friction as friction_law
 from .memory import kernel, nn
 from .volume import volume
 
@@ -156,14 +157,15 @@ def facet_forces(
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True):
+def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, simd: bool = True):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
     rubs: closed ones also resist sliding, by a spring along the face that friction holds; how far
-    its anchor has slipped is kept in the frame of the first element.
+    its anchor has slipped is kept in the frame of the first element. ages: as in
+    `contact.contact_forces`.
     """
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
-    widened, narrowed = narrow(k, s), narrow(s, k)
+    widened, narrowed, holding = narrow(k, s), narrow(s, k), friction_law(s, True)
 
     def facet_closing(
         # model
@@ -174,6 +176,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True)
         bond_arm: wp.array(dtype=k.real),
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
+        friction_numbers: wp.array(dtype=wp.float64),
         # state read
         bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
@@ -188,9 +191,11 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True)
         closing_shear: wp.array(dtype=real),
         closing_slip: wp.array(dtype=k.real),
         closing_spring: wp.array(dtype=real),
+        closing_theta: wp.array(dtype=wp.float64),
         closing_slip_energy: wp.array(dtype=wp.float64),
         slack: real,
         friction: real,
+        dt: real,
     ):
         t = wp.tid()
         b = nn(listed[t])
@@ -214,6 +219,12 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True)
                     limit = real(0.0)
                 spring = law.rub(trial, n, limit)
                 whole = law.rub(trial, n, real(1.0e30))
+                if wp.static(ages):
+                    held, theta = holding.held(
+                        whole, pull, shear, friction, 0, friction_numbers, closing_theta[t], dt
+                    )
+                    closing_theta[t] = theta
+                    spring = wp.where(closing_gap[t] >= real(UNKNOWN), s.vec(), held)
                 taken = real(0.5) * shear * wp.dot(before + spring, whole - spring)
                 if closing_gap[t] >= real(UNKNOWN):
                     taken = real(0.0)

@@ -183,9 +183,9 @@ def list_neighbours(s: Laws, k: Laws, has_parting: bool, fills: bool):
 
 
 @cache
-def carry_over(s: Laws, has_friction: bool, has_restitution: bool):
+def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool):
     """Pass over elements that may touch: what the old list knew of their pairs (debts, tangential
-    springs) goes over to the new one."""
+    springs, ages) goes over to the new one."""
     real = s.real
 
     def carry_over(
@@ -195,11 +195,13 @@ def carry_over(s: Laws, has_friction: bool, has_restitution: bool):
         old_neighbour: wp.array(dtype=int),
         old_debt: wp.array(dtype=real),
         old_spring: wp.array(dtype=real),
+        old_theta: wp.array(dtype=wp.float64),
         # written
         contact_debt: wp.array(dtype=real),
         contact_impulse: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
         contact_spring: wp.array(dtype=real),
+        contact_theta: wp.array(dtype=wp.float64),
     ):
         t = wp.tid()
         at = old_start[t]
@@ -213,15 +215,20 @@ def carry_over(s: Laws, has_friction: bool, has_restitution: bool):
             known = at < end and old_neighbour[wp.min(at, last)] == j
             debt = real(0.0)
             spring = s.vec()
+            theta = wp.float64(0.0)
             if known:
                 debt = old_debt[at]
                 if wp.static(has_friction):
                     spring = s.load(old_spring, at)
+                if wp.static(ages):
+                    theta = old_theta[at]
             contact_debt[e] = debt
             contact_impulse[e] = real(0.0)
             if wp.static(has_restitution):
                 contact_opened[e] = 0
             if wp.static(has_friction):
                 s.store(contact_spring, e, spring)
+            if wp.static(ages):
+                contact_theta[e] = theta
 
     return kernel(carry_over, simd=False)

@@ -241,11 +241,15 @@ def wall_forces(
     k: Laws,
     kinds: frozenset[int],
     has_friction: bool,
+    ages: bool,
     has_restitution: bool,
     is_hertz: bool = False,
 ):
-    """Pass over elements that may touch: what walls add to the forces of contacts."""
-    real, law, spring_law = s.real, contact(s), pressing(s, is_hertz)
+    """Pass over elements that may touch: what walls add to the forces of contacts.
+
+    ages: as in `contact.contact_forces`.
+    """
+    real, law, spring_law = s.real, contact(s, ages), pressing(s, is_hertz)
     shape, where, double = shapes(s.dim, kinds), placing(s, k), wp.float64
     narrowed, widened = where.narrowed, where.widened
 
@@ -263,6 +267,7 @@ def wall_forces(
         wall_first_face: wp.array(dtype=int),
         face_place: wp.array(dtype=wp.float64),
         wall_friction: wp.array(dtype=real),
+        friction_numbers: wp.array(dtype=wp.float64),
         # state read
         wall_place: wp.array(dtype=wp.float64),
         wall_place_before: wp.array(dtype=wp.float64),
@@ -278,6 +283,7 @@ def wall_forces(
         wall_debt: wp.array(dtype=real),
         wall_opened: wp.array(dtype=int),
         wall_spring: wp.array(dtype=real),
+        wall_theta: wp.array(dtype=wp.float64),
         wall_reaction: wp.array(dtype=real),
         wall_torque: wp.array(dtype=real),
         wall_work: wp.array(dtype=wp.float64),
@@ -345,9 +351,15 @@ def wall_forces(
                     shear = wide / contact_shear[i]
                     old = s.load(wall_spring, e)
                     # from the wall, a, to the element, b, whose arms end where they touch
-                    spring, taken = law.rub(
-                        old, nb, n, -arm, arm, motion, ww, wi, shear, -wall_friction[w] * pull, dt
-                    )
+                    theta = double(0.0)
+                    if wp.static(ages):
+                        theta = wall_theta[e]
+                    spring, theta, taken = law.rub(
+                        old, nb, n, -arm, arm, motion, ww, wi, shear, pull, wall_friction[w], 1 + w,
+                        friction_numbers, theta, dt,
+                    )  # fmt: skip
+                    if wp.static(ages):
+                        wall_theta[e] = theta
                     s.store(wall_spring, e, spring)
                     f -= shear * spring
                     f_before -= shear * old

@@ -9,6 +9,7 @@ from . import (  # noqa: F401  they register
     finite,
     foundation,
     fracture,
+    friction,
     incremental,
     mca,
     plastic,

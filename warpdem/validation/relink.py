@@ -100,9 +100,8 @@ def _driven(
     omega = 2.0 * np.pi / period
     last = len(body.packing) - 1
     scene.hold(body, [0])
-    scene.hold(
-        body, [last], velocity=[1.0, 0.0], history=lambda t: half * omega * np.sin(omega * t)
-    )
+    peak = half * omega
+    scene.hold(body, [last], velocity=[peak, 0.0], history=lambda t: np.sin(omega * t))
     body.displacement[last, 0] = mean - half  # from the pressed end of a cycle
     body.displacement[:, 0] = (mean - half) * np.arange(len(body.packing)) / last
     sim = Simulation(scene, precision=precision)
