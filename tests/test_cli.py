@@ -58,6 +58,19 @@ def test_record_and_log_agree(run):
     assert 0.5 < record["speed_over_rayleigh"] < 1.1
 
 
+def test_a_shear_crack_writes_its_files(tmp_path):
+    size = ("--length", "1.2e-3", "--height", "3.8e-4", "--toughness", "2e5", "--overload", "1.8")
+    done = warpdem("run", "mode-ii", *size, "--threads", "1", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert record["status"] == "complete"
+    assert record["broken_bonds"] > 50
+    assert 0.2 < record["final_over_p"] < 1.0
+    assert sorted(f.name for f in (tmp_path / "out").iterdir()) == [
+        "broken_bonds.csv", "crack.png", "crack.usd", "run.json", "speeds.csv",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

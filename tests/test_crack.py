@@ -1,6 +1,7 @@
 """The crack instrument against cracks, vortices and fields that are known."""
 
 from math import pi, sqrt
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,13 @@ from warpdem.observe.growth import (
     released_energy_rate,
     window_speeds,
 )
-from warpdem.observe.release import domain_integral, energy_release_rate, gradients
+from warpdem.observe.release import (
+    domain_integral,
+    energy_release_rate,
+    gradients,
+    process_zone,
+    stress_ahead,
+)
 from warpdem.observe.vortex import PlaneField, find_vortices, on_grid
 
 DT = 0.2  # of break times, which are whole steps
@@ -228,3 +235,43 @@ def test_a_strip_crack_draws_the_strips_energy():
         found = energy_release_rate(sim, (100.0, y), inner, outer)
         assert found == pytest.approx(exact, rel=0.03)
     assert sqrt(found * glass.plane_modulus()) < 1.0
+
+
+def test_stress_ahead_in_a_uniform_state():
+    """Normal and shear stress on a line through a plate in uniform plane strain: Hooke's law."""
+    rock = wd.Material(1.0, 0.25, 1.0)
+    p = wd.packing.hexagonal((20.0, 15.0), 1.0)
+    scene = wd.Scene()
+    body = scene.add(p, rock)
+    strain = np.array([[1e-5, 4e-6], [4e-6, -2e-5]])
+    scene.strain(body, strain)
+    sim = wd.Simulation(scene)
+    tip, ahead = np.array([8.0, 7.0]), np.array([3.0, 1.0]) / np.sqrt(10.0)
+    distance, normal, shear = stress_ahead(sim, tip, ahead, 6.0)
+    stress = 2.0 * rock.shear_modulus * strain + rock.lame("strain") * np.trace(strain) * np.eye(2)
+    across = np.array([-ahead[1], ahead[0]])
+    assert len(distance) >= 6
+    assert (np.diff(distance) >= 0.0).all() and distance[0] > 0.0 and distance[-1] < 6.0
+    assert normal == pytest.approx(across @ stress @ across, rel=1e-3)
+    assert shear == pytest.approx(across @ stress @ ahead, rel=1e-3)
+
+
+def test_process_zone_ends_at_the_first_gap():
+    """A row of elements, its first bond broken: bonds 1..6 are near breaking, then 12 alone."""
+    x = np.stack([np.arange(20.0), np.zeros(20)], axis=1)
+    ratio = np.zeros(19)
+    ratio[1:7] = 0.8
+    ratio[12] = 0.9
+    linked = np.ones(19, dtype=bool)
+    linked[0] = False
+    log = np.zeros(1, dtype=[("x", float), ("y", float)])
+    log["x"] = 0.5
+    sim = SimpleNamespace(
+        broken_bonds=lambda: log,
+        model=SimpleNamespace(features=SimpleNamespace(dim=2)),
+        scene=SimpleNamespace(bodies=[SimpleNamespace(packing=SimpleNamespace(spacing=1.0))]),
+        position=x, displacement=np.zeros_like(x), criterion_ratio=ratio, linked=linked,
+        bonds=np.stack([np.arange(19), np.arange(1, 20)], axis=1),
+    )  # fmt: skip
+    assert process_zone(sim) == pytest.approx(6.0)
+    assert process_zone(sim, share=0.85) == 0.0

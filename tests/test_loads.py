@@ -267,3 +267,17 @@ def test_a_periodic_body_is_in_uniform_stress_and_vibrates_freely(dim):
     assert sim.velocity.mean(axis=0) == pytest.approx(
         np.average(noise, axis=0, weights=cell.volume), abs=1e-7
     )
+
+
+def test_grips_start_with_the_velocity_of_their_history():
+    """A grip whose history is 0 at first starts at rest: no kinetic energy, no work to undo it."""
+    p = wd.packing.hexagonal((6.0, 5.0), 1.0)
+    scene = wd.Scene()
+    body = scene.add(p, wd.Material(1.0, 0.25, 1.0))
+    scene.hold(body, p.left)
+    scene.hold(body, p.right, velocity=[1.0, 0.0], history=lambda t: 1e-3 * np.sin(t))
+    sim = wd.Simulation(scene)
+    assert sim.initial_energies["kinetic"] == 0.0
+    sim.run(steps=40)
+    assert 0.0 < sim.energy()["work"] < 1e-3
+    assert abs(sim.energy_error) < 1e-4

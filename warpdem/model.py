@@ -312,6 +312,11 @@ def state_arrays(
     )
     displacement, orientation = with_nodes(model, *places)
     velocity, angular_velocity = with_moving_nodes(model, *speeds)
+    if model.grip_histories:
+        share = np.array([history(0.0) for history in model.grip_histories])[model.grip, None]
+        velocity = np.where(model.inverse_mass > 0.0, velocity, share * velocity)
+        turns = model.inverse_inertia[:, None] > 0.0
+        angular_velocity = np.where(turns, angular_velocity, share * angular_velocity)
     state: dict[str, NDArray] = {
         "displacement": displacement,
         "orientation": orientation,

@@ -318,11 +318,10 @@ class Simulation:
             if isinstance(troubles, Distortion):
                 troubles.restart(self.dt_limit)
         # books go on: what flowed and worked so far, and the jump of everything held
-        own = self._past_books
-        own["plastic"] += before["plastic"] - self._measure()["plastic"]
-        own["work"] += before["work"] - self._measure()["work"]
-        after = self._measure()
-        jump = sum(before[k] - after[k] for k in HELD)
+        own, after = self._past_books, self._measure()
+        for name in ("plastic", "work"):
+            own[name] += before[name] - after[name]
+        jump = sum(before[k] - after[k] for k in HELD if k != "plastic")
         own["renewal"] += jump
         size = float(np.abs(stress).max())
         change = float(np.abs(self.stress - stress).max()) / size if size > 0.0 else 0.0

@@ -170,6 +170,7 @@ class Step:
         self.relinks = RelinkLog()
         self.neighbours: Neighbours | None = None
         self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
+        self._walls_posed = False
         self._meshes = self._build_meshes()
         if model.contact is not None and touches:
             self.neighbours = Neighbours(model, self.arrays, *self._space, self.device)
@@ -238,6 +239,9 @@ class Step:
         """Poses of walls at this instant, or at the end of a step and how they came there."""
         walls, middle = self.model.walls, self.model.contact_middle
         assert middle is not None
+        if self._walls_posed and all(w.stands for w in walls):
+            return
+        self._walls_posed = True
         before = [
             w.pose(self.count * self.dt, x) for w, x in zip(walls, self.wall_way, strict=True)
         ]
@@ -927,8 +931,8 @@ class Step:
             friction = HOLDS
         ages = m.faces_rub and m.ages and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, ages, self._simd),
-            evm_closing(s, k, f.faces.has_slip, self._simd),
+            facet_closing(s, k, f.faces, m.faces_rub, ages),
+            evm_closing(s, k, f.faces.has_slip),
             slack=self._slack,
             friction=friction,
             dt=dt,

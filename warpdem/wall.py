@@ -135,6 +135,12 @@ class Wall:
     path: Path | None = None
     steering: Steering | None = field(default=None, repr=False)
 
+    @property
+    def stands(self) -> bool:
+        """Whether it never moves."""
+        moves = self.velocity.any() or self.spin.any()
+        return not moves and self.path is None and self.steering is None
+
     def pose(self, time: float, way: float = 0.0) -> tuple[Array, Array]:
         """Place [m] and orientation, as `Simulation.orientation`, at a time [s].
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf, sqrt
 from pathlib import Path
@@ -12,22 +11,17 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import packing
 from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine
 from ..errors import InputError, one_of, positive
-from ..material import Material
 from ..observe import CrackTracker, Snapshot
 from ..observe.vortex import find_vortices, on_grid
 from ..packing import Packing
 from ..scene import Scene
-from ..simulation import Observer, Simulation
 from ..write.whole import folder, unit_of, write_csv
 from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
+from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, CrackObservers, WeakPlane, follow
 
 CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
-PACKINGS = ("hexagonal", "voronoi")
-RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
-GRIP_LAYERS = 2
 # in spacings: half the field about the tip that is searched for vortices, its smoothing, and the
 # radius of the detector
 FIELD, SMOOTH, VORTEX = 25.0, 2.0, 8.0
@@ -35,7 +29,7 @@ FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "run.json")
 
 
 @dataclass(frozen=True)
-class ModeI:
+class ModeI(WeakPlane):
     """What is simulated. SI units.
 
     A plate in plane strain, uniformly strained by `strain` across a weak plane and gripped above
@@ -78,11 +72,6 @@ class ModeI:
         if not 0.0 < self.strain < 0.05:
             raise InputError(f"strain is {self.strain:g}; give a small one, above 0, below 0.05.")
 
-    @property
-    def material(self) -> Material:
-        """The plate's material."""
-        return Material(self.young, self.poisson, self.density)
-
     def fracture(self) -> Criterion:
         """The criterion, its tensile strength scaled to the element size."""
         tension = self.strength * sqrt(self.refine)
@@ -94,16 +83,7 @@ class ModeI:
 
     def build_packing(self) -> Packing:
         """The plate's elements."""
-        size, spacing = (self.length, self.height), self.spacing / self.refine
-        if self.packing == "voronoi":
-            return packing.voronoi(size, spacing, seed=self.seed)
-        return packing.hexagonal(size, spacing)
-
-    @property
-    def plane_height(self) -> float:
-        """Height of the weak plane [m]: between two rows, next to the middle."""
-        pitch = sqrt(3.0) / 2.0 * self.spacing
-        return (round(self.height / pitch) // 2) * pitch
+        return self.fill(self.spacing / self.refine)
 
 
 @dataclass
@@ -134,7 +114,7 @@ def mode_i(
     precision: str = "float64",
     threads: int = 1,
     out: str | Path | None = None,
-    observers: Callable[[Simulation, CrackTracker], list[Observer]] | None = None,
+    observers: CrackObservers | None = None,
     say: Say = silent,
     frames: int = 24,
 ) -> ModeIResult:
@@ -166,23 +146,10 @@ def mode_i(
     window = p.length / 12.0
     # the last twelfth of the plate feels the free edge and is left out
     crack = CrackTracker(every=20, window=window, stop_at=p.length - window)
-    sim.observe(crack)
-    tip_place = p.notch + 0.6 * (p.length - p.notch)
-    picture = Snapshot(lambda _: crack.tip >= tip_place)
-    sim.observe(picture)
-    longest = 2.5 * (p.length - p.notch) / rayleigh
-    likely = round((p.length - p.notch) / (0.9 * rayleigh * sim.dt))
-    say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s; the notch opens suddenly")
-    if where is not None:
-        from ..write.usd import UsdWriter
-
-        sim.observe(UsdWriter(where / "crack.usd", every=max(1, likely // frames)))
-    for observer in observers(sim, crack) if observers else []:
-        sim.observe(observer)
-    sim.run(until=longest)
-
-    if picture.taken:  # the tip went on between two looks
-        tip_place = float(crack.log["x"][crack.log["time"] <= picture.time].max())
+    picture, tip_place = follow(
+        sim, crack, (p.notch, p.length), 0.9 * rayleigh, where=where, frames=frames,
+        observers=observers, say=say, note="; the notch opens suddenly",
+    )  # fmt: skip
     result = ModeIResult(
         **run_numbers(sim),
         speed_over_rayleigh=crack.speed / rayleigh,

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import inf, pi, sqrt
+from math import inf, pi
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import packing
 from ..criteria import DruckerPrager, equivalent_stress
 from ..errors import Array, InputError, finite, one_of, positive
-from ..material import Material
 from ..observe import CrackTracker, Snapshot
 from ..observe.growth import window_speeds
 from ..packing import Packing
 from ..scene import Scene
-from ..simulation import Observer, Simulation
 from ..toughness import Toughness
 from ..write.whole import folder, unit_of, write_csv
 from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
+from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, CrackObservers, WeakPlane, follow
 
 STARTS = ("surface", "bulk")
-PACKINGS = ("hexagonal", "voronoi")
-RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
-GRIP_LAYERS = 2
 EDGE_FACTOR = 1.1215  # K of an edge crack over that of a buried one (Tada, Paris and Irwin)
 WINDOW = 15.0  # spacings over which speeds are fitted
 PLATEAU = (0.88, 1.02)  # speeds over Rayleigh's that are counted as its plateau
@@ -36,7 +30,7 @@ FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "speeds.csv", "run.json")
 
 
 @dataclass(frozen=True)
-class ModeII:
+class ModeII(WeakPlane):
     """What is simulated. SI units.
 
     A plate in plane strain under uniform shear tau_0, gripped above and below, with a weak plane.
@@ -73,22 +67,10 @@ class ModeII:
             raise InputError(f"friction is {self.friction:g}; give 0 or more.")
 
     @property
-    def material(self) -> Material:
-        """The plate's material."""
-        return Material(self.young, self.poisson, self.density)
-
-    @property
     def s(self) -> float:
         """S = (tau_p - tau_0)/tau_0."""
         bulk = self.start == "bulk"
         return (0.95 if bulk else 0.7) if self.seismic_ratio is None else self.seismic_ratio
-
-    def build_packing(self) -> Packing:
-        """The plate's elements."""
-        size = (self.length, self.height)
-        if self.packing == "voronoi":
-            return packing.voronoi(size, self.spacing, seed=self.seed)
-        return packing.hexagonal(size, self.spacing)
 
     def law(self, plate: Packing) -> Toughness:
         """The weak plane's criterion."""
@@ -118,12 +100,6 @@ class ModeII:
     def centre(self) -> float:
         """Place of the notch's middle along the plate [m]."""
         return 0.0 if self.start == "surface" else 0.2 * self.length
-
-    @property
-    def plane_height(self) -> float:
-        """Height of the weak plane [m]: between two rows, next to the middle."""
-        pitch = sqrt(3.0) / 2.0 * self.spacing
-        return (round(self.height / pitch) // 2) * pitch
 
 
 @dataclass
@@ -162,8 +138,9 @@ def mode_ii(
     *,
     device: str = "cpu",
     precision: str = "float64",
+    threads: int = 1,
     out: str | Path | None = None,
-    observers: Callable[[Simulation, CrackTracker], list[Observer]] | None = None,
+    observers: CrackObservers | None = None,
     say: Say = silent,
     frames: int = 24,
 ) -> ModeIIResult:
@@ -177,7 +154,7 @@ def mode_ii(
     p = parameters or ModeII()
     where = None if out is None else folder(out)
     say("building the packing")
-    plate = p.build_packing()
+    plate = p.fill(p.spacing)
     shear, peak = p.shear(plate)
     notch, y = p.notch(plate), p.plane_height
     tip = p.centre + notch
@@ -196,8 +173,8 @@ def mode_ii(
         scene.contact(friction=p.friction)
 
     scale, unit = unit_of(p.length)
-    sim = build(scene, device, precision, say, f"plate {p.length * scale:g} x "
-                f"{p.height * scale:g} {unit}")  # fmt: skip
+    size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
+    sim = build(scene, device, precision, say, size, threads=threads)
     if p.start == "surface":
         say("bringing the sheared plate to rest")
         sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[precision])
@@ -205,19 +182,10 @@ def mode_ii(
     pressure = p.material.pressure_speed("strain")
     # the last twelfth of the plate feels the free edge and is left out
     crack = CrackTracker(every=20, window=WINDOW * p.spacing, stop_at=p.length * 11.0 / 12.0)
-    sim.observe(crack)
-    tip_place = tip + 0.6 * (p.length - tip)
-    picture = Snapshot(lambda _: crack.tip >= tip_place)
-    sim.observe(picture)
-    likely = round((p.length - tip) / (1.3 * rayleigh * sim.dt))
-    say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s")
-    if where is not None:
-        from ..write.usd import UsdWriter
-
-        sim.observe(UsdWriter(where / "crack.usd", every=max(1, likely // frames)))
-    for observer in observers(sim, crack) if observers else []:
-        sim.observe(observer)
-    sim.run(until=2.5 * (p.length - tip) / rayleigh)
+    picture, tip_place = follow(
+        sim, crack, (tip, p.length), 1.3 * rayleigh, where=where, frames=frames,
+        observers=observers, say=say,
+    )  # fmt: skip
 
     ahead = crack.log[crack.log["x"] >= tip - p.spacing] if len(crack.log) else crack.log
     length, speed = np.zeros(0), np.zeros(0)
@@ -237,8 +205,6 @@ def mode_ii(
         crack=crack,
         field=picture,
     )
-    if picture.taken:
-        tip_place = float(crack.log["x"][crack.log["time"] <= picture.time].max())
     if where is None:
         result.seconds = time.perf_counter() - began
     else:

@@ -339,7 +339,7 @@ def evm_forces(
 
 
 @cache
-def evm_closing(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
+def evm_closing(s: Laws, k: Laws, has_slip: bool):
     """Pass over listed EVM bonds: unlinked ones resist closing (theory B11)."""
     kinematics, law, contact, real = evm_kinematics(s, k, has_slip), evm(s), closing(s), s.real
 

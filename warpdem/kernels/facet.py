@@ -157,7 +157,7 @@ def facet_forces(
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, simd: bool = True):
+def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
     rubs: closed ones also resist sliding, by a spring along the face that friction holds; how far

@@ -51,25 +51,24 @@ class CrackTracker:
 
     def observe(self, sim: Simulation) -> None:
         """Look where the tip is, and stop the run if it is far enough."""
-        log = sim.broken_bonds()
+        log, self._dim = sim.broken_bonds(), sim.model.features.dim
         if len(log):
-            self.tip = float(self._coordinate(log, sim).max())
+            self.tip = float(self._coordinate(log).max())
             if self.tip >= self.stop_at:
                 sim.stop()
 
     def finish(self, sim: Simulation) -> None:
         """Fit the speeds."""
-        self.log = sim.broken_bonds()
+        self.log, self._dim = sim.broken_bonds(), sim.model.features.dim
         if len(self.log) == 0:
             return
-        x = self._coordinate(self.log, sim)
+        x = self._coordinate(self.log)
         x = x - x.min()
         self._spacing = max(b.packing.spacing for b in sim.scene.bodies)
         if self.window is None:
             self.window = min(25.0 * self._spacing, x.max() / 8.0)
         if self.window > 0.0:
             self.length, self.window_speed = window_speeds(x, self.log["time"], self.window)
-        self._dim = sim.model.features.dim
         self._depth = self._thickness(sim)
         self._grown = x
 
@@ -103,18 +102,17 @@ class CrackTracker:
             return []
         reach = REACH * self._spacing if reach is None else reach
         least = LEAST * self._spacing if least is None else least
-        return find_branches(self._place, self.log["time"], reach, least)
+        return find_branches(self._place(self.log), self.log["time"], reach, least)
 
     def front(self, across: ArrayLike, slices: int) -> list[tuple[float, Array, Array]]:
         """The crack's front in slices across it (`front_speeds`), for cracks in space."""
         if len(self.log) == 0 or not self.window:
             return []
         time = self.log["time"]
-        return front_speeds(self._place, time, self._ahead, across, slices, self.window)
+        return front_speeds(self._place(self.log), time, self._ahead, across, slices, self.window)
 
-    @property
-    def _place(self) -> Array:
-        return np.stack([self.log[c] for c in "xyz"[: self._dim]], axis=1)
+    def _place(self, log: NDArray[np.void]) -> Array:
+        return np.stack([log[c] for c in "xyz"[: self._dim]], axis=1)
 
     @property
     def _ahead(self) -> Array:
@@ -134,9 +132,5 @@ class CrackTracker:
         half = 0.5 * (self.length[-1] + 0.5 * (self.window or 0.0))
         return self.window_speed[self.length > half]
 
-    def _coordinate(self, log: NDArray[np.void], sim: Simulation) -> Array:
-        dim = sim.model.features.dim
-        direction = np.eye(dim)[0] if self._direction is None else self._direction
-        direction = direction / np.linalg.norm(direction)
-        place = np.stack([log[c] for c in "xyz"[:dim]], axis=1)
-        return place @ direction
+    def _coordinate(self, log: NDArray[np.void]) -> Array:
+        return self._place(log) @ self._ahead

@@ -76,6 +76,12 @@ def domain_integral(
     q = np.clip((outer - r) / (outer - inner), 0.0, 1.0)
     u1 = gradient @ ahead
     density_of_energy = 0.5 * (s * gradient).sum(axis=(1, 2))
+    motion = (velocity, acceleration, velocity_gradient)
+    if any(given is None for given in motion) and any(given is not None for given in motion):
+        raise InputError(
+            "give velocity, acceleration and velocity_gradient together, or none for statics."
+        )
+    flux = np.zeros(n)
     if velocity is not None and acceleration is not None and velocity_gradient is not None:
         v_ = finite("velocity", velocity, (n, 2))
         a = finite("acceleration", acceleration, (n, 2))
@@ -83,8 +89,6 @@ def domain_integral(
         rho = np.broadcast_to(finite("density", density), (n,))
         density_of_energy = density_of_energy + 0.5 * rho * (v_**2).sum(axis=1)
         flux = rho * ((a * u1).sum(axis=1) - (v_ * v1).sum(axis=1)) * q
-    else:
-        flux = np.zeros(n)
     inner_part = np.einsum("nij,ni,nj->n", s, u1, dq) - density_of_energy * (dq @ ahead)
     return float((v * (inner_part + flux)).sum())
 

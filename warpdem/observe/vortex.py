@@ -56,6 +56,19 @@ class PlaneField:
         curl: Array = np.gradient(v[..., 1], self.step, axis=1)
         return curl - np.gradient(v[..., 0], self.step, axis=0)
 
+    def smoothed(self, width: float) -> PlaneField:
+        """Without the shaking of single elements: by Gauss's filter of a standard deviation [m],
+        to which points outside the body do not count."""
+        from scipy.ndimage import gaussian_filter
+
+        inside = np.isfinite(self.velocity[..., 0])
+        weight = np.maximum(gaussian_filter(inside.astype(float), width / self.step), 1e-12)
+        velocity = np.full_like(self.velocity, np.nan)
+        for k in (0, 1):
+            filled = gaussian_filter(np.nan_to_num(self.velocity[..., k]), width / self.step)
+            velocity[inside, k] = (filled / weight)[inside]
+        return PlaneField(self.x, self.y, velocity)
+
 
 def on_grid(
     position: ArrayLike, velocity: ArrayLike, low: ArrayLike, high: ArrayLike, step: float,
@@ -63,10 +76,9 @@ def on_grid(
 ) -> PlaneField:  # fmt: skip
     """Velocities (n, 2) of elements interpolated linearly to a grid between two corners [m].
 
-    smooth [m]: standard deviation of a Gauss filter against the shaking of single elements.
+    smooth [m]: width of `PlaneField.smoothed`.
     """
     from scipy.interpolate import LinearNDInterpolator
-    from scipy.ndimage import gaussian_filter
 
     x = finite("position", position, (None, 2))
     v = finite("velocity", velocity, (len(x), 2))
@@ -81,13 +93,8 @@ def on_grid(
     axes = [np.arange(a[k], b[k] + 0.5 * step, step) for k in (0, 1)]
     grid = np.stack(np.meshgrid(*axes), axis=-1)
     field = LinearNDInterpolator(x[near], v[near])(grid)
-    if smooth > 0.0:  # weighted, so that the outside does not count
-        inside = np.isfinite(field[..., 0]).astype(float)
-        weight = np.maximum(gaussian_filter(inside, smooth / step), 1e-12)
-        for k in (0, 1):
-            filled = gaussian_filter(np.nan_to_num(field[..., k]), smooth / step) / weight
-            field[..., k] = np.where(inside > 0.0, filled, np.nan)
-    return PlaneField(axes[0], axes[1], field)
+    plane = PlaneField(axes[0], axes[1], field)
+    return plane.smoothed(smooth) if smooth > 0.0 else plane
 
 
 def find_vortices(field: PlaneField, radius: float, least: float = LEAST_SWIRL) -> list[Vortex]:

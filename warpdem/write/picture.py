@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.interpolate import griddata
-from scipy.ndimage import gaussian_filter
 
 from ..errors import Array
 from ..observe import CrackTracker, Snapshot
+from ..observe.vortex import on_grid
 from .whole import unit_of, whole
 
 
@@ -31,9 +30,7 @@ def draw_crack(
     tip: its tip in the field [m]; reach: half the width of the piece of the field shown [m].
     """
     factor, unit = unit_of(crack.length.max(initial=reach))
-    fig = Figure(figsize=(13, 5), layout="constrained")
-    left, right = fig.subplots(1, 2, gridspec_kw={"width_ratios": [1, 1.5]})
-    fig.suptitle(title)
+    fig, left, right = _panels(title)
     left.axhline(1.0, color="0.4", ls="--", lw=1)
     left.text(0.0, 1.01, "Rayleigh wave speed", color="0.3", va="bottom")
     if len(crack.length):
@@ -56,13 +53,7 @@ def draw_crack(
         title="Crack speed from break times",
     )
     left.set_xlim(left=0.0)
-    if field.taken:
-        _draw_field(fig, right, field, crack_line, tip, reach, factor, unit)
-    else:
-        right.set_axis_off()
-        right.text(
-            0.5, 0.5, "the crack did not run far enough\nfor a picture of its tip", ha="center"
-        )
+    _draw_field(fig, right, field, crack_line, tip, reach, factor, unit)
     with whole(path) as part:
         fig.savefig(part, dpi=130)
 
@@ -84,14 +75,13 @@ def draw_shear_crack(
     `draw_crack`.
     """
     factor, unit = unit_of(float(length.max(initial=reach)))
-    fig = Figure(figsize=(13, 5), layout="constrained")
-    left, right = fig.subplots(1, 2, gridspec_kw={"width_ratios": [1, 1.5]})
-    fig.suptitle(title)
+    fig, left, right = _panels(title)
     most = max(wave_speeds.values())
+    at_right = left.get_yaxis_transform()  # x over the width of the panel
     for name, value in wave_speeds.items():
         left.axhline(value / most, color="0.4", ls="--", lw=1)
         side = "top" if "Rayleigh" in name else "bottom"
-        left.text(0.0, value / most, name, color="0.3", va=side)
+        left.text(0.99, value / most, name, color="0.3", va=side, ha="right", transform=at_right)
     left.plot(length * factor, speed / most, "o-", color="C0")
     left.set(
         xlabel=f"crack growth [{unit}]",
@@ -100,15 +90,16 @@ def draw_shear_crack(
         title="Crack speed from break times",
     )
     left.set_xlim(left=0.0)
-    if field.taken:
-        _draw_field(fig, right, field, crack_line, tip, reach, factor, unit)
-    else:
-        right.set_axis_off()
-        right.text(
-            0.5, 0.5, "the crack did not run far enough\nfor a picture of its tip", ha="center"
-        )
+    _draw_field(fig, right, field, crack_line, tip, reach, factor, unit)
     with whole(path) as part:
         fig.savefig(part, dpi=130)
+
+
+def _panels(title: str) -> tuple[Figure, Axes, Axes]:
+    fig = Figure(figsize=(13, 5), layout="constrained")
+    left, right = fig.subplots(1, 2, gridspec_kw={"width_ratios": [1, 1.5]})
+    fig.suptitle(title)
+    return fig, left, right
 
 
 def _draw_field(
@@ -121,20 +112,19 @@ def _draw_field(
     factor: float,
     unit: str,
 ) -> None:
+    if not field.taken:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "the crack did not run far enough\nfor a picture of its tip", ha="center")
+        return
     start, height = crack_line
-    x = field.position - [tip, height]
-    near = (np.abs(x[:, 0]) < 1.1 * reach) & (np.abs(x[:, 1]) < 0.75 * reach)
-    grid = np.meshgrid(
-        np.linspace(-reach, reach, 161), np.linspace(-0.65 * reach, 0.65 * reach, 105)
-    )
-    vx, vy = (_on_grid(x[near], field.velocity[near, axis], grid) for axis in (0, 1))
-    step = grid[0][0, 1] - grid[0][0, 0]
-    spin = np.gradient(vy, step, axis=1) - np.gradient(vx, step, axis=0)
-    spin *= 0.5
+    half, step = np.array([reach, 0.65 * reach]), reach / 80.0
+    middle = np.array([tip, height])
+    plane = on_grid(field.position, field.velocity, middle - half, middle + half, step)
+    spin = 0.5 * plane.vorticity  # of the material
     limit = np.nanpercentile(np.abs(spin), 97.0)
     image = ax.pcolormesh(
-        (grid[0] + tip) * factor,
-        (grid[1] + height) * factor,
+        plane.x * factor,
+        plane.y * factor,
         spin,
         cmap="RdBu_r",
         vmin=-limit,
@@ -144,12 +134,12 @@ def _draw_field(
     )
     fig.colorbar(image, ax=ax, label="rotation rate of the material [rad/s]", shrink=0.8)
     # streamlines of the velocity without the shaking of single elements
-    vx, vy = (gaussian_filter(v, 2) for v in (vx, vy))
+    calm = plane.smoothed(2.0 * step)
     ax.streamplot(
-        (grid[0][0] + tip) * factor,
-        (grid[1][:, 0] + height) * factor,
-        vx,
-        vy,
+        plane.x * factor,
+        plane.y * factor,
+        calm.velocity[..., 0],
+        calm.velocity[..., 1],
         density=1.7,
         color="0.15",
         linewidth=0.7,
@@ -165,7 +155,3 @@ def _draw_field(
         aspect="equal",
         title="Streamlines of the velocity near the tip (thick line: crack)",
     )
-
-
-def _on_grid(place: Array, value: Array, grid: tuple[Array, ...]) -> Array:
-    return griddata(place, value, (grid[0], grid[1]), method="linear")
