@@ -17,7 +17,11 @@ def pair_tensor(s: Laws) -> Laws:
     real, vec3, mat3 = s.real, s.vec3, s.mat3
     # not within a function, where Warp would divide in float32
     two_thirds, root_27, third_turn = real(2.0 / 3.0), real(27.0**0.5), real(2.0 * pi / 3.0)
-    root_2, six = real(2.0**0.5), wp.types.vector(6, real)
+
+    @wp.func
+    def minor(a: real, b: real, c: real, d: real) -> real:
+        """(a d - b c)^2."""
+        return (a * d - b * c) * (a * d - b * c)
 
     @wp.func
     def tensor(mean: mat3, traction: vec3, n: vec3) -> mat3:
@@ -52,14 +56,20 @@ def pair_tensor(s: Laws) -> Laws:
         d = t - m * wp.identity(n=3, dtype=real)
         square = wp.ddot(d, d)
         e = d * d - (square / real(3.0)) * wp.identity(n=3, dtype=real)
-        # as vectors of six, whose product is that of the tensors
-        a = six(d[0, 0], d[1, 1], d[2, 2], root_2 * d[0, 1], root_2 * d[1, 2], root_2 * d[0, 2])
-        b = six(e[0, 0], e[1, 1], e[2, 2], root_2 * e[0, 1], root_2 * e[1, 2], root_2 * e[0, 2])
-        gram = real(0.0)
-        for row in range(5):
-            for column in range(row + 1, 6):
-                minor = a[row] * b[column] - a[column] * b[row]
-                gram += minor * minor
+        # products of tensors as of vectors of six, whose shears count twice; written out, as a loop
+        # would not be unrolled, and the pass not vectorised
+        normal = minor(d[0, 0], d[1, 1], e[0, 0], e[1, 1])
+        normal += minor(d[1, 1], d[2, 2], e[1, 1], e[2, 2])
+        normal += minor(d[2, 2], d[0, 0], e[2, 2], e[0, 0])
+        shear = minor(d[0, 1], d[1, 2], e[0, 1], e[1, 2])
+        shear += minor(d[1, 2], d[0, 2], e[1, 2], e[0, 2])
+        shear += minor(d[0, 2], d[0, 1], e[0, 2], e[0, 1])
+        mixed = real(0.0)
+        for axis in range(3):
+            mixed += minor(d[axis, axis], d[0, 1], e[axis, axis], e[0, 1])
+            mixed += minor(d[axis, axis], d[1, 2], e[axis, axis], e[1, 2])
+            mixed += minor(d[axis, axis], d[0, 2], e[axis, axis], e[0, 2])
+        gram = normal + real(4.0) * shear + real(2.0) * mixed
         # (2 J2^1.5)^2 = (3 sqrt3 J3)^2 + discriminant, which is 3 times that sum
         angle = wp.atan2(wp.sqrt(real(3.0) * gram), root_27 * wp.determinant(d)) / real(3.0)
         size = wp.sqrt(two_thirds * square)
