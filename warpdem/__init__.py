@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from . import experiments, packing
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
+from .checkpoint import Checkpoint
 from .contact import Contact, Wall
 from .criteria import (
     BeamLimit,
@@ -20,6 +21,7 @@ from .criteria import (
     Rankine,
 )
 from .errors import (
+    DamagedFileError,
     InputError,
     ModelWarning,
     NonFiniteError,
@@ -45,7 +47,7 @@ from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
-from .simulation import Observer, Simulation
+from .simulation import Observer, Simulation, resume
 from .toughness import Toughness
 from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 
@@ -61,11 +63,13 @@ __all__ = [
     "BeamLimit",
     "Body",
     "Calibration",
+    "Checkpoint",
     "Circle",
     "Contact",
     "CrackTracker",
     "CustomCriterion",
     "DamageRate",
+    "DamagedFileError",
     "DruckerPrager",
     "EVMBond",
     "FracturePlane",
@@ -123,6 +127,7 @@ __all__ = [
     "lattice_moduli",
     "packing",
     "periodic_moduli",
+    "resume",
     "write_fragments",
 ]
 

@@ -24,6 +24,10 @@ class TroubledBondError(RuntimeError):
     """A bond left the range of its law; the message names it, how far and the step."""
 
 
+class DamagedFileError(InputError):
+    """A file that is not whole, or not what it says it is; the message says what is wrong."""
+
+
 class NotConvergedError(RuntimeError):
     """A search for rest did not reach its residual; the message says how far it came."""
 

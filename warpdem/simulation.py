@@ -1,8 +1,10 @@
 """A scene in motion: stable time step, runs, observers, guards."""
 
+import signal
 import time
 import warnings
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
@@ -10,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import fields
 from .bond import EVMBond
+from .checkpoint import Checkpoint, hand_over, noted_signals, read, restore, save
 from .errors import (
     Array,
     InputError,
@@ -89,6 +92,13 @@ class Simulation:
             raise InputError(f"dt is {dt:g} s; it must be greater than zero.")
         self.device = _device(device)
         self.precision, self.scene = precision, scene
+        self.options: dict[str, Any] = {  # with which `resume` makes it anew
+            "precision": precision,
+            "force_dt": force_dt,
+            "local_damping": local_damping,
+            "trouble": trouble,
+            "simd": simd,
+        }
         self.model = build(scene)
         starts = np.cumsum([0, *(len(b.packing) for b in scene.bodies)])
         self._elements = {
@@ -117,7 +127,7 @@ class Simulation:
                 f"dt is {dt:.4g} s, above the stability limit {self.dt_limit:.4g} s; give a "
                 "smaller one, leave it out, or pass force_dt=True to go on regardless."
             )
-        self.dt = float(dt)
+        self.dt = self.options["dt"] = float(dt)
         state = state_arrays(self.model, scene)
         self._step = Step(
             self.model,
@@ -141,7 +151,9 @@ class Simulation:
         if self.model.features.branches:
             self._tell_of_times()
         self._observers: list[Observer] = []
-        self._observed: dict[int, int] = {}
+        self._observed: list[int] = []  # the step at which each was called last
+        self._checkpoints: list[Checkpoint] = []
+        self._awaited: list[tuple] = []  # records of a checkpoint, for observers still to come
         self._stopped = False
         self.seconds = 0.0
         self.initial_energies = self._measure()
@@ -152,11 +164,28 @@ class Simulation:
         """Hand over an observer, called from now on; returns it."""
         if observer.every < 1:
             raise InputError(f"every is {observer.every}; observe every 1 or more steps.")
+        if isinstance(observer, Checkpoint):
+            self._checkpoints.append(observer)
+            return observer
+        if self._awaited:
+            hand_over(self._awaited.pop(0), observer)
+        if len(self._observed) == len(self._observers):
+            self._observed.append(-1)
         self._observers.append(observer)
         return observer
 
-    def run(self, *, until: float | None = None, steps: int | None = None) -> None:
+    def run(
+        self,
+        *,
+        until: float | None = None,
+        steps: int | None = None,
+        checkpoint: str | Path | None = None,
+        checkpoint_every: int = 1000,
+    ) -> None:
         """Run until a time [s] or for a number of steps, or until an observer calls `stop`.
+
+        checkpoint: where to save the state, every `checkpoint_every` steps, at the end, and before
+        SIGTERM or SIGINT end the run; as `observe(Checkpoint(...))`, for this run.
 
         Raises NonFiniteError naming element, step and dt if numbers stop being finite; nothing
         non-finite reaches an observer.
@@ -167,24 +196,54 @@ class Simulation:
             steps = max(0, round((float(finite("until", until, ())) - self.time) / self.dt))
         if not isinstance(steps, int | np.integer) or steps < 0:
             raise InputError(f"steps is {steps!r}; give a whole number, not negative.")
-        end, servos = self._step.count + steps, self.scene.servos
+        kept = list(self._checkpoints)
+        if checkpoint is not None:
+            kept.append(Checkpoint(checkpoint, checkpoint_every))
+        for each in kept:
+            each.start(self)
         self._stopped = False
+        with noted_signals(bool(kept)) as noted:
+            self._run(self._step.count + steps, kept, noted)
+        if noted:
+            self._interrupt(noted[0], kept)
+
+    def _run(self, end: int, kept: list[Checkpoint], noted: list[int]) -> None:
+        """Steps until `end`, a call of `stop` or a signal; looks are at multiples of their
+        intervals, so that a run in parts is the run in one."""
+        servos = self.scene.servos
+        every = SERVO_EVERY if servos else GUARD_EVERY
         self._call_observers()
-        while self._step.count < end and not self._stopped:
-            target = min([end, *(self._next_call(o) for o in self._observers)])
-            target = min(target, self._step.count + (SERVO_EVERY if servos else GUARD_EVERY))
+        while self._step.count < end and not self._stopped and not noted:
+            nexts = (self._next_call(o.every) for o in (*self._observers, *kept))
+            target = min(end, self._next_call(every), *nexts)
             began = time.perf_counter()
-            for servo in servos:
-                self._steer(servo)
-            while self._step.count < target:
+            if self._step.count % every == 0:
+                for servo in servos:
+                    self._steer(servo)
+            while self._step.count < target and not noted:
                 self._step.advance()
             wp.synchronize_device(self.device)
             self.seconds += time.perf_counter() - began
             self._step.synchronise()
             self._guard()
             self._call_observers()
-        for observer in self._observers:
-            observer.finish(self)
+            for each in kept:
+                if self._step.count % each.every == 0:
+                    each.observe(self)
+        for each in kept:
+            each.finish(self)
+        if not noted:
+            for observer in self._observers:
+                observer.finish(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write all of the state to a file from which `resume` goes on to the same bits.
+
+        path: ends in .npz; what had this name before is kept as NAME.previous.npz. Raises
+        InputError if it cannot be written, and then leaves both as they were.
+        """
+        self._step.synchronise()
+        save(self, Checkpoint(path).path)
 
     def relax(
         self, tolerance: float | None = None, max_steps: int = 100_000, tell: Telling | None = None
@@ -624,15 +683,25 @@ class Simulation:
         ledger["work"] = self._step.work
         return ledger
 
-    def _next_call(self, observer: Observer) -> int:
-        return (self._step.count // observer.every + 1) * observer.every
+    def _next_call(self, every: int) -> int:
+        return (self._step.count // every + 1) * every
 
     def _call_observers(self) -> None:
-        for observer in self._observers:
+        for place, observer in enumerate(self._observers):
             due = self._step.count % observer.every == 0
-            if due and self._observed.get(id(observer)) != self._step.count:
-                self._observed[id(observer)] = self._step.count
+            if due and self._observed[place] != self._step.count:
+                self._observed[place] = self._step.count
                 observer.observe(self)
+
+    def _interrupt(self, number: int, kept: list[Checkpoint]) -> None:
+        """End the process as a signal asked for, now that the state is saved."""
+        names = ", ".join(str(each.path) for each in kept)
+        handler = signal.getsignal(number)
+        if callable(handler) and handler is not signal.default_int_handler:
+            handler(number, None)
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt(f"step {self.steps} is saved in {names}")
+        raise SystemExit(128 + number)
 
     def _guard(self) -> None:
         for name in ("displacement", "velocity", "angular_velocity", "orientation"):
@@ -665,6 +734,23 @@ class Simulation:
                 f"half the least radius, {least:.3g} m, and would pass through others; take dt "
                 f"below {0.5 * least / far.max() * self.dt:.3g} s."
             )
+
+
+def resume(path: str | Path, scene: Scene, device: str | None = None) -> Simulation:
+    """A simulation that goes on from a checkpoint, on the same device to the same bits.
+
+    scene: built as for the run, by the same script: functions (histories, criteria, observers)
+    cannot be kept in a file. It is compared with the checkpoint's. Observers are handed over anew,
+    in the same order, and get their records back; then `run` goes on.
+
+    Raises DamagedFileError for a file that is not whole, InputError for another scene.
+    """
+    header, arrays = read(Path(path))
+    sim = Simulation(scene, device=device or header["device"], **header["options"])
+    now = sim.device
+    restore(sim, header, arrays)
+    sim.device = now
+    return sim
 
 
 def _device(name: str) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .errors import InputError
 from .kernels.algebra import space
 from .kernels.box import strain_box
 from .kernels.closing import UNKNOWN
@@ -144,6 +145,10 @@ class Step:
     half kick before it has the old forces, the one after it the new.
     """
 
+    # what a checkpoint leaves out of a step's own numbers: arrays have their place in it, these
+    # are views of them
+    not_saved = ("arrays", "_shapes", "_flags", "_nothings")
+
     def __init__(
         self,
         model: Model,
@@ -177,6 +182,7 @@ class Step:
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
+        self._stress_everywhere: wp.Launch | None = None
         self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
@@ -322,7 +328,7 @@ class Step:
         yz, xz."""
         if self.model.bond_arm is None:
             return np.zeros((self.model.elements, 4 if self.model.features.dim == 2 else 6))
-        if "all_elements" not in self.arrays:
+        if self._stress_everywhere is None:
             self.upload("all_elements", np.arange(self.model.elements, dtype=np.int32))
             if "stress" not in self.arrays:
                 width = 4 if self.model.features.dim == 2 else 6
@@ -411,6 +417,21 @@ class Step:
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
         return sum(a.capacity for a in self.arrays.values())
+
+    def restore(self, name: str, value: NDArray, shape: tuple[int, ...]) -> None:
+        """Overwrite an array, bit by bit, by one that was kept; one that is not there is made."""
+        if name not in self.arrays:
+            self._shapes[name] = shape
+            dtype = wp.dtype_from_numpy(value.dtype)
+            self.arrays[name] = wp.array(value, dtype=dtype, device=self.device)
+            return
+        now = self.arrays[name].numpy()
+        if now.dtype != value.dtype or now.shape != value.shape:
+            raise InputError(
+                f"{name} of the checkpoint is {value.dtype} {value.shape}, of this simulation "
+                f"{now.dtype} {now.shape}; another warpdem, or another precision, wrote it."
+            )
+        self.arrays[name].assign(value)
 
     # -- passes -----------------------------------------------------------------------------------
 

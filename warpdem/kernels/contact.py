@@ -273,8 +273,8 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                 for axis in range(wp.static(k.dim)):
                     dn += place(n[axis]) * u[axis]
                 gap = real(wall_distance[e] + dn - wall_shift[w])
-                motion = real(dt) * (vi - vw)
-                before = gap - wp.dot(n, motion)
+                past = real(dt) * (vi - vw)
+                before = gap - wp.dot(n, past)
                 f = s.vec()
                 if gap < real(0.0) or before < real(0.0):
                     radius = real(contact_radius[i])
@@ -284,7 +284,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                     was = spring_law.pull(stiffness, before, real(0.0))
                     owed = spring_law.energy(stiffness, gap)
                     owed -= spring_law.energy(stiffness, before)
-                    owed -= real(0.5) * (pull + was) * wp.dot(n, motion)
+                    owed -= real(0.5) * (pull + was) * wp.dot(n, past)
                     wall_debt[e] = wall_debt[e] + owed
                     if (gap < real(0.0)) != (before < real(0.0)):
                         any_touched[0] = 1
@@ -297,7 +297,7 @@ def contact_forces(s: Laws, k: Laws, has_friction: bool, has_restitution: bool, 
                         old = s.load(wall_spring, e)
                         # from the wall, a, to the element, b
                         spring, taken = rub(
-                            old, n, n, real(0.0), radius + gap, motion, s.no_spin(), wi,
+                            old, n, n, real(0.0), radius + gap, past, s.no_spin(), wi,
                             shear, -wall_friction[w] * pull, real(dt),
                         )  # fmt: skip
                         s.store(wall_spring, e, spring)
