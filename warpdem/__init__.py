@@ -28,6 +28,7 @@ from .errors import (
     NotConvergedError,
     TooFastError,
     TroubledBondError,
+    UnstableError,
 )
 from .material import Material
 from .moduli import Calibration, Moduli, calibrate, lattice_bond, lattice_moduli, periodic_moduli
@@ -111,6 +112,7 @@ __all__ = [
     "Toughness",
     "TroubledBondError",
     "Tube",
+    "UnstableError",
     "UsdWriter",
     "Voce",
     "VonMises",

@@ -17,12 +17,12 @@ from .errors import (
     Array,
     InputError,
     ModelWarning,
-    NonFiniteError,
     TooFastError,
     finite,
     first_ids,
     one_of,
 )
+from .guard import Guard
 from .model import build, face_arms, state_arrays, with_moving_nodes, with_nodes
 from .scene import Body, Scene, Servo, Wall
 from .stability import bound_contact, bound_damping, bound_frequency, largest_frequency, link_states
@@ -150,6 +150,8 @@ class Simulation:
             self._troubles.append(Slips(self.model, self._ids(), stops=trouble == "stop"))
         if self.model.features.branches:
             self._tell_of_times()
+        self._guarded = Guard(self.model, state, self._spacing)
+        self._guarded.check(self._step)
         self._observers: list[Observer] = []
         self._observed: list[int] = []  # the step at which each was called last
         self._checkpoints: list[Checkpoint] = []
@@ -226,6 +228,7 @@ class Simulation:
             self.seconds += time.perf_counter() - began
             self._step.synchronise()
             self._guard()
+            self._guard_energy()
             self._call_observers()
             for each in kept:
                 if self._step.count % each.every == 0:
@@ -704,17 +707,19 @@ class Simulation:
         raise SystemExit(128 + number)
 
     def _guard(self) -> None:
-        for name in ("displacement", "velocity", "angular_velocity", "orientation"):
-            bad = ~np.isfinite(self._step.download(name)).all(axis=1)
-            if bad.any():
-                raise NonFiniteError(
-                    f"{name} of elements {first_ids(bad)} is not finite at step "
-                    f"{self._step.count} (time {self.time:.4g} s, dt {self.dt:.4g} s, limit "
-                    f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
-                )
+        self._guarded.check(self._step)
         self._check_speed(TooFastError)
         for troubles in self._troubles:
             troubles.check(self._step)
+
+    def _guard_energy(self) -> None:
+        """Not at every observer's look, as it costs as much as a step."""
+        if self._step.count % GUARD_EVERY:
+            return
+        ledger, before = self.energy(), self.initial_energies
+        held = sum(before[k] for k in HELD)
+        work = ledger["work"] - before["work"]
+        self._guarded.check_energy(self._step, ledger["residual"], held, work)
 
     def _check_speed(self, error: type[Exception]) -> None:
         """Refuse elements that would pass through others within a step."""
