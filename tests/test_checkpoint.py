@@ -446,3 +446,78 @@ def test_a_killed_run_leaves_a_whole_checkpoint(tmp_path):
 @pytest.mark.slow
 def test_a_hundred_killed_runs_leave_whole_checkpoints(tmp_path):
     assert killed(100, tmp_path) >= 50
+
+
+LOGGED = """
+import sys
+sys.path.insert(0, {tests!r})
+import warpdem as wd
+from test_checkpoint import facets
+
+class Told(wd.BreakLog):
+    def observe(self, sim):
+        super().observe(sim)
+        print(self.rows, flush=True)
+
+Told.__name__ = "BreakLog"
+sim = wd.Simulation(facets())
+sim.observe(Told({log!r}, every=1))
+sim.run(steps=10**7, checkpoint={path!r}, checkpoint_every=1)
+"""
+
+
+def test_a_killed_run_loses_no_line_and_goes_on_with_its_log(tmp_path):
+    whole = wd.Simulation(facets())
+    whole.observe(wd.BreakLog(tmp_path / "whole.csv", every=1))
+    whole.run(steps=100)
+    lines = (tmp_path / "whole.csv").read_bytes()
+    assert lines.count(b"\n") == len(whole.broken_bonds()) + 1 > 30
+    log, path = tmp_path / "log.csv", tmp_path / "a.npz"
+    names = {"tests": str(Path(__file__).parent), "log": str(log), "path": str(path)}
+    resumed = 0
+    for least in (20, 33, 50, 60):
+        path.unlink(missing_ok=True)
+        process = subprocess.Popen(
+            [sys.executable, "-c", LOGGED.format(**names)], stdout=subprocess.PIPE, text=True
+        )
+        acknowledged = 0
+        while acknowledged < least:
+            word = process.stdout.readline().strip()
+            acknowledged = int(word) if word.lstrip("-").isdigit() else acknowledged
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        found = log.read_bytes()
+        assert found.count(b"\n") - 1 >= acknowledged
+        assert lines.startswith(found[: found.rfind(b"\n") + 1])
+        if not path.exists():  # all of these broke in the first step
+            continue
+        resumed += 1
+        log.write_bytes(found + b"12,3")  # as if cut off in a line
+        again = wd.resume(path, facets())
+        again.observe(wd.BreakLog(log, every=1))
+        again.run(steps=100 - again.steps)
+        assert log.read_bytes() == lines
+    assert resumed >= 2
+
+
+def test_a_log_that_lost_lines_is_refused(tmp_path):
+    log, path = tmp_path / "log.csv", tmp_path / "a.npz"
+    sim = wd.Simulation(facets())
+    sim.observe(wd.BreakLog(log, every=1))
+    sim.run(steps=30, checkpoint=path)
+    log.write_bytes(log.read_bytes()[:200])
+    again = wd.resume(path, facets())
+    again.observe(wd.BreakLog(log, every=1))
+    with pytest.raises(wd.InputError, match="at the checkpoint; put the file"):
+        again.run(steps=5)
+    with pytest.raises(wd.InputError, match="cannot write into the folder"):
+        wd.BreakLog("/proc/none/log.csv")
+
+
+def test_five_runs_of_a_scene_are_one():
+    seen = set()
+    for _ in range(5):
+        sim = wd.Simulation(contact())
+        sim.run(steps=STEPS)
+        seen.add(sha256(b"".join(v for _, v in sorted(bytes_of(sim).items()))).hexdigest())
+    assert len(seen) == 1

@@ -55,6 +55,7 @@ from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 if TYPE_CHECKING:
     from .write.field import draw_field
     from .write.fragment import write_fragments
+    from .write.log import BreakLog
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
 
@@ -63,6 +64,7 @@ __version__ = "0.1.0"
 __all__ = [
     "BeamLimit",
     "Body",
+    "BreakLog",
     "Calibration",
     "Checkpoint",
     "Circle",
@@ -140,6 +142,10 @@ def __getattr__(name: str) -> object:
         from .write.usd import UsdWriter
 
         return UsdWriter
+    if name == "BreakLog":
+        from .write.log import BreakLog
+
+        return BreakLog
     if name == "draw_field":
         from .write.field import draw_field
 

@@ -23,9 +23,10 @@ from .experiments import ModeIResult, Result
 from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
-from .experiments.shared import read_criterion, write_criterion
+from .experiments.shared import read_criterion, start_record, write_criterion
 from .observe import CrackTracker
 from .simulation import PRECISIONS, Observer, Simulation
+from .write.claim import claimed
 from .write.record import describe_machine
 from .write.whole import unit_of, write_text
 
@@ -93,14 +94,16 @@ def experiment(
     def command(precision: str, device: str, out: Path, **given: Any) -> None:
         console.print(f"warpdem {version('warpdem')}: {title}")
         chosen = parameters(**given | {k: read_criterion(given[k]) for k in written})
-        result = function(
-            chosen,
-            device=device,
-            precision=precision,
-            out=out,
-            observers=lambda _, measured: [progress(chosen, measured)],
-            say=console.print,
-        )
+        record = start_record(name, chosen, precision, device)
+        with claimed(out, record):
+            result = function(
+                chosen,
+                device=device,
+                precision=precision,
+                out=out,
+                observers=lambda _, measured: [progress(chosen, measured)],
+                say=console.print,
+            )
         for line in closing(result):
             console.print(line)
         console.print(
