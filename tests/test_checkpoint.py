@@ -475,7 +475,7 @@ def test_a_killed_run_loses_no_line_and_goes_on_with_its_log(tmp_path):
     log, path = tmp_path / "log.csv", tmp_path / "a.npz"
     names = {"tests": str(Path(__file__).parent), "log": str(log), "path": str(path)}
     resumed = 0
-    for least in (20, 33, 50, 60):
+    for least in (95, 98, 103, 107):
         path.unlink(missing_ok=True)
         process = subprocess.Popen(
             [sys.executable, "-c", LOGGED.format(**names)], stdout=subprocess.PIPE, text=True
@@ -489,7 +489,7 @@ def test_a_killed_run_loses_no_line_and_goes_on_with_its_log(tmp_path):
         found = log.read_bytes()
         assert found.count(b"\n") - 1 >= acknowledged
         assert lines.startswith(found[: found.rfind(b"\n") + 1])
-        if not path.exists():  # all of these broke in the first step
+        if not path.exists():  # killed before the first one
             continue
         resumed += 1
         log.write_bytes(found + b"12,3")  # as if cut off in a line
