@@ -30,7 +30,7 @@ for spacing in (1e-3, 4e-4):
     scene.pull(body, plate.bottom, (0, -12e6))
     sim = wd.Simulation(scene)
     sim.run(steps=2 * GUARD_EVERY)
-    between = least(lambda: steps(sim), 3)  # noqa: B023
+    between = least(lambda: steps(sim), 3)
     sim._step.synchronise()
     look = least(lambda: sim._guarded.check(sim._step))
     energy = least(sim.energy)
