@@ -28,10 +28,8 @@ class Guard:
 
     def check(self, step: Step) -> None:
         """Raises NonFiniteError or UnstableError with what, where, when."""
-        self._check_finite(step)
-        self._check_motion(step)
-        self.last = {name: step.download(name) for name in KEPT}
-        self.last_step = step.count
+        self.check_finite(step)
+        self.check_motion(step)
 
     def check_energy(self, step: Step, residual: float, before: float, work: float) -> None:
         """Refuse energy [J] that neither was there before nor was put in."""
@@ -48,7 +46,8 @@ class Guard:
                 )
             )
 
-    def _check_finite(self, step: Step) -> None:
+    def check_finite(self, step: Step) -> None:
+        """Refuse numbers that are not finite."""
         bad = {
             name: array.numpy()
             for name, array in step.arrays.items()
@@ -72,7 +71,8 @@ class Guard:
             )
         )
 
-    def _check_motion(self, step: Step) -> None:
+    def check_motion(self, step: Step) -> None:
+        """Refuse motion by more than a spacing in a step; else keep the state as sound."""
         v = step.download("velocity").astype(np.float64)
         far = np.abs(v - v.mean(axis=0)).max(axis=1) * step.dt
         if far.max() > self._spacing:
@@ -83,6 +83,9 @@ class Guard:
                     f"(dt {step.dt:.4g} s); take a smaller dt."
                 )
             )
+
+        self.last = {name: step.download(name) for name in KEPT}
+        self.last_step = step.count
 
     def _where(self, name: str, flat: NDArray, step: Step) -> str:
         """Which elements or bonds a flat array's bad numbers belong to."""

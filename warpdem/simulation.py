@@ -707,8 +707,9 @@ class Simulation:
         raise SystemExit(128 + number)
 
     def _guard(self) -> None:
-        self._guarded.check(self._step)
+        self._guarded.check_finite(self._step)
         self._check_speed(TooFastError)
+        self._guarded.check_motion(self._step)
         for troubles in self._troubles:
             troubles.check(self._step)
 
