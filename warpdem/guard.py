@@ -72,15 +72,21 @@ class Guard:
         )
 
     def check_motion(self, step: Step) -> None:
-        """Refuse motion by more than a spacing in a step; else keep the state as sound."""
+        """Refuse bonds that grow by more than a spacing in a step; else keep the state as sound."""
         v = step.download("velocity").astype(np.float64)
-        far = np.abs(v - v.mean(axis=0)).max(axis=1) * step.dt
-        if far.max() > self._spacing:
+        m = self._model
+        apart = np.abs(v[m.bond_i[: m.bonds]] - v[m.bond_j[: m.bonds]]).max(axis=1) * step.dt
+        if m.listed_bonds is not None:
+            apart = apart * (step.download("bond_linked")[: m.bonds] > 0.0)
+        worst = np.flatnonzero(apart > self._spacing)
+        if len(worst):
+            ends = np.concatenate([m.bond_i[worst], m.bond_j[worst]])
             raise self._told(
                 UnstableError(
-                    f"elements {first_ids(far > self._spacing)} move by up to {far.max():.3g} m in "
-                    f"a step, more than the spacing {self._spacing:.3g} m, at step {step.count} "
-                    f"(dt {step.dt:.4g} s); take a smaller dt."
+                    f"elements {_ids(ends, m.elements)}, joined by bonds {_ids(worst, m.bonds)}, "
+                    f"part or meet by up to {apart.max():.3g} m in a step, more than the spacing "
+                    f"{self._spacing:.3g} m, at step {step.count} (dt {step.dt:.4g} s); take a "
+                    "smaller dt."
                 )
             )
 
