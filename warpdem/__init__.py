@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
+from .checkpoint import Checkpoint
 from .contact import Contact
 from .criteria import (
     BeamLimit,
@@ -20,12 +21,14 @@ from .criteria import (
     Rankine,
 )
 from .errors import (
+    DamagedFileError,
     InputError,
     ModelWarning,
     NonFiniteError,
     NotConvergedError,
     TooFastError,
     TroubledBondError,
+    UnstableError,
 )
 from .friction import RateAndState
 from .material import Material
@@ -47,7 +50,7 @@ from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce
 from .relinking import Healing
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
-from .simulation import Observer, Simulation
+from .simulation import Observer, Simulation, resume
 from .toughness import Toughness
 from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 from .wall import Wall
@@ -56,6 +59,7 @@ if TYPE_CHECKING:
     from .sweeps import sweep
     from .write.field import draw_field
     from .write.fragment import write_fragments
+    from .write.log import BreakLog
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
 
@@ -64,12 +68,15 @@ __version__ = "0.1.0"
 __all__ = [
     "BeamLimit",
     "Body",
+    "BreakLog",
     "Calibration",
+    "Checkpoint",
     "Circle",
     "Contact",
     "CrackTracker",
     "CustomCriterion",
     "DamageRate",
+    "DamagedFileError",
     "DruckerPrager",
     "EVMBond",
     "FracturePlane",
@@ -113,6 +120,7 @@ __all__ = [
     "Toughness",
     "TroubledBondError",
     "Tube",
+    "UnstableError",
     "UsdWriter",
     "Voce",
     "VonMises",
@@ -129,6 +137,7 @@ __all__ = [
     "lattice_moduli",
     "packing",
     "periodic_moduli",
+    "resume",
     "sweep",
     "wall",
     "write_fragments",
@@ -141,6 +150,10 @@ def __getattr__(name: str) -> object:
         from .write.usd import UsdWriter
 
         return UsdWriter
+    if name == "BreakLog":
+        from .write.log import BreakLog
+
+        return BreakLog
     if name == "draw_field":
         from .write.field import draw_field
 
