@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_threads import breaking_plate
 
 import warpdem as wd
-from warpdem import archive, checkpoint
+from warpdem import archive, checkpoint, passes
 from warpdem.validation import core
 
 SOFT = wd.Material(1.0, 0.3, 1.0)
@@ -124,39 +125,130 @@ def box():
     return scene
 
 
-MAKES = (facets, space, evm, softening, incubating, plastic, breaking_plastic, finite, prony,
-         kelvin, contact, servo, box)  # fmt: skip
-BREAKING = (facets, space, evm, prony, contact)
+def tools(sinks=4e-3):
+    """A breaking body on a floor, between a turning disc on a path and a plate that is steered."""
+    p = wd.packing.hexagonal((5.0, 4.0), 1.0, "strain")
+    scene = wd.Scene()
+    scene.scatter_strength(scene.add(p, SOFT, fracture=wd.Rankine(2e-3)), 1.5)
+    scene.contact(friction=0.3, restitution=0.8)
+    low, high = p.position.min(axis=0), p.position.max(axis=0)
+    scene.wall((0.0, low[1] - 0.5), (0.0, 1.0))
+    disc = wd.wall.Sphere((low[0] + 2.0, high[1] + 1.51), 1.0)
+    scene.wall(disc, path=lambda t: np.array([1e-3 * t, -sinks * t, 0.0]), spin=0.05)
+    plate = scene.wall((high[0] + 0.502, 0.0), (-1.0, 0.0))
+    scene.steer(plate, 2e-2, (-1.0, 0.0), 0.05)
+    return scene
+
+
+def hertz():
+    """Breaking bodies of space that meet by Hertz's law, over a mesh that moves."""
+    p = wd.packing.simple_cubic((2.0, 2.0, 2.0), 1.0)
+    scene = wd.Scene()
+    for number in range(2):
+        body = scene.add(p, SOFT, fracture=wd.DruckerPrager(8e-3, 2.0))
+        scene.scatter_strength(body, 1.5)
+        body.displacement[:, 0] = 2.05 * number
+        scene.set_velocity(body, [0.03 - 0.06 * number, 0.0, -0.01])
+    scene.contact(friction=0.3, restitution=0.8, law="hertz")
+    z = p.position[:, 2].min() - 0.51
+    corners = [[-9.0, -9.0, z], [9.0, -9.0, z], [9.0, 9.0, z], [-9.0, 9.0, z]]
+    scene.wall(wd.wall.Mesh(corners, [[0, 1, 2], [0, 2, 3]]), velocity=(0.0, 0.0, 0.01))
+    return scene
+
+
+def ageing():
+    """Rate-and-state friction of pairs, of a wall, and of the faces of broken bonds."""
+    p = wd.packing.hexagonal((5.0, 4.0), 1.0, "strain")
+    scene = wd.Scene()
+    for number in range(2):
+        body = scene.add(p, SOFT, facet_bending=True, fracture=wd.Rankine(4e-3))
+        scene.scatter_strength(body, 1.5)
+        body.displacement[:, 0] = 5.05 * number
+        scene.set_velocity(body, [0.05 - 0.1 * number, -0.01])
+    scene.contact(friction=wd.RateAndState(mu0=0.4, a=0.01, b=0.015, V0=1e-3, Dc=1e-2))
+    scene.wall((0.0, p.position[:, 1].min() - 0.5), (0.0, 1.0), velocity=(0.01, 0.0))
+    return scene
+
+
+def healing():
+    """A bar that breaks and is linked again, several times."""
+    p = wd.packing.square((4.0, 1.0), 1.0, "strain")
+    scene = wd.Scene()
+    body = scene.add(p, SOFT, fracture=wd.Rankine(2e-3), healing=wd.Healing(pressure=1e-4))
+    x = p.position[:, 0].mean()
+    scene.set_strength(body, np.inf)
+    scene.set_strength(body, 1.0, [x, -9.0], [x, 9.0])
+    scene.contact(friction=0.2)
+    scene.hold(body, [0])
+    omega = 0.5
+    scene.hold(body, [3], velocity=[0.01 * omega, 0.0], history=lambda t: np.cos(omega * t))
+    return scene
+
+
+def renewing():
+    """A sheet that flows so far that its faces are renewed."""
+    p = wd.packing.voronoi((8.0, 8.0), 1.0, "strain", seed=1, periodic=True)
+    scene = wd.Scene()
+    flows = {"yielding": wd.VonMises(0.01, wd.Voce(0.01, 2.0)), "finite_strain": True}
+    body = scene.add(p, SOFT, renew_faces=0.05, **flows)
+    rate = 2e-3
+    scene.strain(body, lambda t: np.diag([np.expm1(rate * t), np.expm1(-rate * t)]))
+    scene.set_velocity(body, rate * p.position * [1.0, -1.0])
+    return scene
+
+
+OLD = (facets, space, evm, softening, incubating, plastic, breaking_plastic, finite, prony,
+       kelvin, contact, servo, box)  # fmt: skip
+MAKES = (*OLD, tools, hertz, ageing, healing, renewing)
+BREAKING = (facets, space, evm, prony, contact, tools, hertz, ageing, healing)
+LENGTH = {renewing: 260, healing: 140, hertz: 36}  # steps
+RARE = {(hertz, "float32"), (hertz, "mixed"), (ageing, "mixed"), (healing, "float32"),
+        (tools, "mixed")}  # fmt: skip
+CASES = [
+    pytest.param(make, x, id=f"{make.__name__}-{x}",
+                 marks=[pytest.mark.slow] if (make, x) in RARE else [])
+    for make in MAKES for x in ("float64", "float32", "mixed")
+]  # fmt: skip
 
 
 def bytes_of(sim):
-    """Every array of a simulation, by name."""
-    return {name: array.numpy().tobytes() for name, array in sim._step.arrays.items()}
+    """Every array of a simulation that holds numbers, by name."""
+    arrays = sim._step.arrays.items()
+    return {name: a.numpy().tobytes() for name, a in arrays if name not in sim._step.addresses}
 
 
 @pytest.mark.filterwarnings("ignore::warpdem.ModelWarning")
-@pytest.mark.parametrize("precision", ["float64", "float32", "mixed"])
-@pytest.mark.parametrize("make", MAKES, ids=lambda m: m.__name__)
+@pytest.mark.parametrize(("make", "precision"), CASES)
 def test_a_resumed_run_differs_in_no_byte(make, precision, tmp_path):
     options = {"precision": precision, "local_damping": 0.1 if make is kelvin else 0.0}
     path = tmp_path / "half.npz"
     whole, half = (wd.Simulation(make(), **options) for _ in range(2))
     for sim in (whole, half):
         sim.observe(wd.FragmentTracker(7))
-    whole.run(steps=STEPS)
-    half.run(steps=STEPS // 2, checkpoint=path)
+    steps = LENGTH.get(make, STEPS)
+    whole.run(steps=steps)
+    half.run(steps=steps // 2, checkpoint=path)
     again = wd.resume(path, make())
     tracker = again.observe(wd.FragmentTracker(7))
-    again.run(steps=STEPS - STEPS // 2)
+    again.run(steps=steps - steps // 2)
     a, b = bytes_of(whole), bytes_of(again)
     assert a.keys() == b.keys()
     assert [name for name in a if a[name] != b[name]] == []
     assert np.array_equal(tracker.history, whole._observers[0].history)
     assert np.array_equal(whole.broken_bonds(), again.broken_bonds())
+    assert np.array_equal(whole.relinked_bonds(), again.relinked_bonds())
+    assert whole.renewals == again.renewals
     assert whole.energy() == again.energy()
     if make in BREAKING:  # the checkpoint lies in the middle of a fracture
-        late = whole.broken_bonds()["step"] > STEPS // 2
+        late = whole.broken_bonds()["step"] > steps // 2
         assert late.any() and not late.all()
+    if make is healing:
+        late = whole.relinked_bonds()["step"] > steps // 2
+        assert late.any() and not late.all()
+    if make is renewing:  # before and after the checkpoint
+        assert [r.step for r in whole.renewals] == [100, 200]
+    if make is tools:
+        assert all(np.linalg.norm(whole.wall_force(w)) > 0.0 for w in whole.scene.walls)
     if make is softening:
         keeps = wd.resume(path, make()).integrity
         assert ((keeps < 1.0) & (keeps > whole.integrity)).any()
@@ -514,13 +606,57 @@ def test_a_log_that_lost_lines_is_refused(tmp_path):
         wd.BreakLog("/proc/none/log.csv")
 
 
+def hash_of(sim):
+    return sha256(b"".join(v for _, v in sorted(bytes_of(sim).items()))).hexdigest()
+
+
 def test_five_runs_of_a_scene_are_one():
     seen = set()
     for _ in range(5):
         sim = wd.Simulation(contact())
         sim.run(steps=STEPS)
-        seen.add(sha256(b"".join(v for _, v in sorted(bytes_of(sim).items()))).hexdigest())
+        seen.add(hash_of(sim))
     assert len(seen) == 1
+
+
+@pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
+def test_one_and_two_threads_resume_to_the_same_bits(precision, tmp_path):
+    """Three runs in one and one in two halves, launches shared out among threads."""
+    seen = set()
+    for threads in (1, 2, 2):
+        whole = breaking_plate(threads, precision)
+        whole.run(steps=14)
+        seen.add(hash_of(whole))
+    half = breaking_plate(1, precision)
+    half.run(steps=7, checkpoint=tmp_path / "a.npz")
+    again = wd.resume(tmp_path / "a.npz", half.scene, threads=2)
+    again.run(steps=7)
+    seen.add(hash_of(again))
+    assert len(whole.displacement) > 2 * passes.SHARED
+    late = whole.broken_bonds()["step"] > 7
+    assert late.any() and not late.all()
+    assert len(seen) == 1
+
+
+def test_walls_and_renewals_of_another_scene_are_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    sim = wd.Simulation(tools())
+    sim.run(steps=10, checkpoint=path)
+    other = tools()
+    other.walls[1].shape.radius = 1.1
+    with pytest.raises(wd.InputError, match=r"another scene: wall_shape, walls differ"):
+        wd.resume(path, other)
+    with pytest.raises(wd.InputError, match="wall 1 is elsewhere at this instant"):
+        wd.resume(path, tools(sinks=5e-3))
+
+
+def test_faces_are_renewed_at_the_same_steps_whoever_looks():
+    alone, watched = wd.Simulation(renewing()), wd.Simulation(renewing())
+    watched.observe(wd.FragmentTracker(33))
+    alone.run(steps=130)
+    watched.run(steps=130)
+    assert bytes_of(alone) == bytes_of(watched)
 
 
 def test_renumbered_and_turned_specimens_move_alike():
