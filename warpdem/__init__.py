@@ -29,6 +29,7 @@ from .errors import (
     TooFastError,
     TroubledBondError,
     UnstableError,
+    UnwritableError,
 )
 from .friction import RateAndState
 from .material import Material
@@ -121,6 +122,7 @@ __all__ = [
     "TroubledBondError",
     "Tube",
     "UnstableError",
+    "UnwritableError",
     "UsdWriter",
     "Voce",
     "VonMises",
