@@ -523,20 +523,6 @@ def test_one_and_two_threads_resume_to_the_same_bits(make, precision, tmp_path, 
     assert len(seen) == 1
 
 
-@pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
-@pytest.mark.parametrize("precision", ["float64", "float32"])
-def test_a_run_in_space_resumes_with_its_threads(precision, tmp_path, monkeypatch):
-    """By as many threads as before, where others may round otherwise."""
-    monkeypatch.setattr(passes, "SHARED", 2 * CHUNK)
-    whole, half = (wd.Simulation(space(), precision=precision, threads=2) for _ in range(2))
-    whole.run(steps=STEPS)
-    half.run(steps=STEPS // 2, checkpoint=tmp_path / "a.npz")
-    again = wd.resume(tmp_path / "a.npz", space())
-    assert again._team.threads == 2
-    again.run(steps=STEPS - STEPS // 2)
-    assert bytes_of(again) == bytes_of(whole)
-
-
 def test_walls_and_renewals_of_another_scene_are_refused(tmp_path):
     path = tmp_path / "a.npz"
     sim = wd.Simulation(tools())

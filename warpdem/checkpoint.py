@@ -111,7 +111,6 @@ def save(sim: Simulation, path: Path) -> None:
         "kind": KIND,
         "device": str(sim.device),
         "options": sim.options,
-        "threads": 1 if sim._team is None else sim._team.threads,
         "steps": sim.steps,
         "time": sim.time,
         "scene": fingerprint(sim),

@@ -112,7 +112,7 @@ def experiment(
     EXPERIMENTS[name] = told
 
     def run_it(
-        given: dict[str, Any], threads: int | None, out: Path | None, checkpoint: Checkpoint | None
+        given: dict[str, Any], threads: int, out: Path | None, checkpoint: Checkpoint | None
     ) -> Result:
         """The experiment, or without a folder its kernels alone."""
         chosen = told.build(given)
@@ -135,7 +135,7 @@ def experiment(
         )
 
     def conduct(
-        out: Path, threads: int | None, checkpoint_every: float, goes_on: bool, **given: Any
+        out: Path, threads: int, checkpoint_every: float, goes_on: bool, **given: Any
     ) -> None:
         """The experiment in a folder of its own, with checkpoints."""
         record = start_record(name, told.build(given), given["precision"], given["device"])
@@ -391,9 +391,7 @@ for _parameters, _function in (
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")],
-    threads: Annotated[
-        int | None, typer.Option(help="Threads of the CPU, by default those of the run.")
-    ] = None,
+    threads: Annotated[int, typer.Option(help="Threads of the CPU.")] = 1,
     checkpoint_every: Annotated[float, typer.Option(help=CHECKPOINT_HELP)] = CHECKPOINT_EVERY,
     previous: Annotated[
         bool, typer.Option("--previous", help="Go on from the checkpoint before the last.")

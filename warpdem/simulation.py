@@ -966,21 +966,20 @@ class Simulation:
 
 
 def resume(
-    path: str | Path, scene: Scene, device: str | None = None, threads: int | None = None
+    path: str | Path, scene: Scene, device: str | None = None, threads: int = 1
 ) -> Simulation:
     """A simulation that goes on from a checkpoint, on the same device to the same bits.
 
     scene: built as for the run, by the same script: functions (histories, criteria, observers)
     cannot be kept in a file. It is compared with the checkpoint's. Observers are handed over anew,
-    in the same order, and get their records back; then `run` goes on. device, threads: by default
-    those of the run.
+    in the same order, and get their records back; then `run` goes on. threads: of the CPU; results
+    do not depend on their number.
 
     Raises DamagedFileError for a file that is not whole, InputError for another scene.
     """
     header, arrays = read(Path(path))
     where = device or header["device"]
-    many = header["threads"] if threads is None else threads
-    sim = Simulation(scene, device=where, threads=many, **header["options"])
+    sim = Simulation(scene, device=where, threads=threads, **header["options"])
     now = sim.device
     restore(sim, header, arrays)
     sim.device = now

@@ -113,7 +113,7 @@ def mode_i(
     *,
     device: str = "cpu",
     precision: str = "float64",
-    threads: int | None = 1,
+    threads: int = 1,
     out: str | Path | None = None,
     observers: CrackObservers | None = None,
     say: Say = silent,

@@ -139,7 +139,7 @@ def mode_ii(
     *,
     device: str = "cpu",
     precision: str = "float64",
-    threads: int | None = 1,
+    threads: int = 1,
     out: str | Path | None = None,
     observers: CrackObservers | None = None,
     say: Say = silent,

@@ -234,7 +234,7 @@ class Options(TypedDict, total=False):
 
     device: str
     precision: str
-    threads: int | None
+    threads: int
     out: str | Path | None
     observers: Observers | None
     say: Say
@@ -247,7 +247,7 @@ def rock_test(
     *,
     device: str = "cpu",
     precision: str = "float64",
-    threads: int | None = 1,
+    threads: int = 1,
     out: str | Path | None = None,
     observers: Observers | None = None,
     say: Say = silent,

@@ -82,7 +82,7 @@ def build(
     say: Say,
     size: str,
     local_damping: float = 0.0,
-    threads: int | None = 1,
+    threads: int = 1,
     checkpoint: Checkpoint | None = None,
 ) -> Simulation:
     """The simulation of a scene, which goes on from the checkpoint's file if there is one; tells
@@ -92,7 +92,7 @@ def build(
         sim = resume(checkpoint.path, scene, device=device, threads=threads)
     else:
         sim = Simulation(
-            scene, device, precision, local_damping=local_damping, threads=threads or 1
+            scene, device=device, precision=precision, local_damping=local_damping, threads=threads
         )
     if checkpoint is not None:
         sim.observe(checkpoint)
