@@ -1,5 +1,6 @@
 """warpdem: fracture of solids made of bonded elements, on NVIDIA Warp."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import experiments, packing, wall
@@ -56,8 +57,10 @@ if TYPE_CHECKING:
     from .sweeps import sweep
     from .write.field import draw_field
     from .write.fragment import write_fragments
+    from .write.gsd import GsdWriter
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
+    from .write.vtk import VtkWriter
 
 __version__ = "0.1.0"
 
@@ -74,6 +77,7 @@ __all__ = [
     "EVMBond",
     "FracturePlane",
     "FragmentTracker",
+    "GsdWriter",
     "Healing",
     "HuberMisesHencky",
     "Incubation",
@@ -116,6 +120,7 @@ __all__ = [
     "UsdWriter",
     "Voce",
     "VonMises",
+    "VtkWriter",
     "Wall",
     "When",
     "calibrate",
@@ -135,26 +140,19 @@ __all__ = [
 ]
 
 
+# these load USD, matplotlib and the like, which takes a second, only where they are asked for
+LATE = {
+    "GsdWriter": ".write.gsd",
+    "UsdWriter": ".write.usd",
+    "VtkWriter": ".write.vtk",
+    "draw_field": ".write.field",
+    "draw_structure": ".write.structure",
+    "sweep": ".cli",  # where experiments are made known
+    "write_fragments": ".write.fragment",
+}
+
+
 def __getattr__(name: str) -> object:
-    # these load USD and matplotlib, which takes a second, only where they are asked for
-    if name == "UsdWriter":
-        from .write.usd import UsdWriter
-
-        return UsdWriter
-    if name == "draw_field":
-        from .write.field import draw_field
-
-        return draw_field
-    if name == "write_fragments":
-        from .write.fragment import write_fragments
-
-        return write_fragments
-    if name == "draw_structure":
-        from .write.structure import draw_structure
-
-        return draw_structure
-    if name == "sweep":
-        from . import cli  # where experiments are made known
-
-        return cli.sweep
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in LATE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(LATE[name], __name__), name)

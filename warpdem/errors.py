@@ -1,6 +1,8 @@
 """Checks on what a user hands in. Every refusal is one sentence: what, where, what is allowed."""
 
 from collections.abc import Iterable
+from importlib import import_module
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,6 +75,17 @@ def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     choices = list(allowed)
     if value not in choices:
         raise InputError(f"{name} is {value!r}; choose one of {', '.join(map(repr, choices))}.")
+
+
+def library(name: str, extra: str) -> ModuleType:
+    """A library that only some users need, or a word on the extra that brings it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        package = name.partition(".")[0]
+        raise InputError(
+            f'this needs {package}; install it with pip install "warpdem[{extra}]".'
+        ) from None
 
 
 def _rows(bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
