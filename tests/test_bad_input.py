@@ -19,7 +19,20 @@ CLEAR = (wd.InputError, wd.NonFiniteError, wd.NotConvergedError, wd.TooFastError
 CLEAR += (wd.TroubledBondError,)
 nan, inf = float("nan"), float("inf")
 NUMBERS = [nan, inf, -inf, 0.0, -0.0, -1.0, -1e-300, 1e-300, 1e300, -1e300, 1e20, 0.5, 3, -7, 2**70]
-ODD = [None, True, "text", "", b"bytes", [], {}, (), object(), 1j, [1.0, "two"], [[1.0], [1.0, 2.0]]]
+ODD = [
+    None,
+    True,
+    "text",
+    "",
+    b"bytes",
+    [],
+    {},
+    (),
+    object(),
+    1j,
+    [1.0, "two"],
+    [[1.0], [1.0, 2.0]],
+]
 ODD += [np.zeros((0, 2)), np.zeros((3, 3, 3)), np.array(["a", "b"]), np.array([None, 1])]
 ODD += [np.full((5, 2), nan), np.array([2**62, -(2**62)]), [10**9], [-1], [0.5], [nan, nan]]
 ODD += [[1e300, 1e300], [1e300, 1e300, 1e300], [0.0, 0.0], [0.0, 0.0, 0.0], lambda *_: nan, len]

@@ -34,11 +34,37 @@ def test_it_says_what_it_does(run):
 
 def test_it_writes_four_whole_files(run):
     _, out = run
-    assert sorted(f.name for f in out.iterdir()) == [
+    assert sorted(f.name for f in out.glob("[!.]*")) == [
         "broken_bonds.csv", "crack.png", "crack.usd", "run.json",
     ]  # fmt: skip
     assert (out / "crack.png").read_bytes().startswith(b"\x89PNG")
     assert Usd.Stage.Open(str(out / "crack.usd")).GetEndTimeCode() > 3
+
+
+def test_a_folder_belongs_to_one_run_and_says_how_it_ended(run, tmp_path):
+    from filelock import FileLock
+
+    assert json.loads((run[1] / "run.json").read_text())["status"] == "complete"
+    with FileLock(tmp_path / ".lock"):
+        done = warpdem("run", "mode-i", *SMALL, "--out", str(tmp_path))
+    assert done.returncode == 2 and "another run writes into" in done.stderr
+    assert not (tmp_path / "run.json").exists()
+    code = f"""
+import os, signal
+from warpdem.write.claim import claimed
+with claimed({str(tmp_path)!r}, {{"experiment": "mine"}}):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    subprocess.run([sys.executable, "-c", code], check=False)
+    assert json.loads((tmp_path / "run.json").read_text())["status"] == "running"
+    again = subprocess.run([sys.executable, "-c", code.replace("os.kill", "max")], check=False)
+    assert again.returncode == 0  # the lock of a killed run is free
+    subprocess.run(
+        [sys.executable, "-c", code.replace("os.kill", "open")], check=False, capture_output=True
+    )
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["status"] == "stopped" and record["why"].startswith("TypeError")
+    assert record["experiment"] == "mine"
 
 
 def test_record_and_log_agree(run):
@@ -66,7 +92,7 @@ def test_a_shear_crack_writes_its_files(tmp_path):
     assert record["status"] == "complete"
     assert record["broken_bonds"] > 50
     assert 0.2 < record["final_over_p"] < 1.0
-    assert sorted(f.name for f in (tmp_path / "out").iterdir()) == [
+    assert sorted(f.name for f in (tmp_path / "out").glob("[!.]*")) == [
         "broken_bonds.csv", "crack.png", "crack.usd", "run.json", "speeds.csv",
     ]  # fmt: skip
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
+from .checkpoint import Checkpoint
 from .contact import Contact
 from .criteria import (
     BeamLimit,
@@ -21,12 +22,14 @@ from .criteria import (
     Rankine,
 )
 from .errors import (
+    DamagedFileError,
     InputError,
     ModelWarning,
     NonFiniteError,
     NotConvergedError,
     TooFastError,
     TroubledBondError,
+    UnstableError,
 )
 from .friction import RateAndState
 from .material import Material
@@ -48,7 +51,7 @@ from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce
 from .relinking import Healing
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
-from .simulation import Observer, Simulation
+from .simulation import Observer, Simulation, resume
 from .toughness import Toughness
 from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 from .wall import Wall
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
     from .write.field import draw_field
     from .write.fragment import write_fragments
     from .write.gsd import GsdWriter
+    from .write.log import BreakLog
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
     from .write.vtk import VtkWriter
@@ -67,12 +71,15 @@ __version__ = "0.1.0"
 __all__ = [
     "BeamLimit",
     "Body",
+    "BreakLog",
     "Calibration",
+    "Checkpoint",
     "Circle",
     "Contact",
     "CrackTracker",
     "CustomCriterion",
     "DamageRate",
+    "DamagedFileError",
     "DruckerPrager",
     "EVMBond",
     "FracturePlane",
@@ -117,6 +124,7 @@ __all__ = [
     "Toughness",
     "TroubledBondError",
     "Tube",
+    "UnstableError",
     "UsdWriter",
     "Voce",
     "VonMises",
@@ -134,6 +142,7 @@ __all__ = [
     "lattice_moduli",
     "packing",
     "periodic_moduli",
+    "resume",
     "sweep",
     "wall",
     "write_fragments",
@@ -142,6 +151,7 @@ __all__ = [
 
 # these load USD, matplotlib and the like, which takes a second, only where they are asked for
 LATE = {
+    "BreakLog": ".write.log",
     "GsdWriter": ".write.gsd",
     "UsdWriter": ".write.usd",
     "VtkWriter": ".write.vtk",

@@ -7,6 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib.metadata import version
 from inspect import Parameter, Signature
 from pathlib import Path
@@ -26,9 +27,11 @@ from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
+from .experiments.shared import start_record
 from .observe import CrackTracker
 from .simulation import Observer, Simulation
 from .sweeps import ENGINES, PARENT, Run, Sweep, sweep
+from .write.claim import claimed
 from .write.record import describe_machine
 from .write.whole import unit_of, write_text
 
@@ -108,15 +111,17 @@ def experiment(
                 raise typer.Exit
             return [progress(chosen, measured)]
 
-        result = function(
-            chosen,
-            device=given["device"],
-            precision=given["precision"],
-            threads=threads,
-            out=None if compile_only else out,
-            observers=observers,
-            say=console.print,
-        )
+        record = start_record(name, chosen, given["precision"], given["device"])
+        with nullcontext() if compile_only else claimed(out, record):
+            result = function(
+                chosen,
+                device=given["device"],
+                precision=given["precision"],
+                threads=threads,
+                out=None if compile_only else out,
+                observers=observers,
+                say=console.print,
+            )
         for line in closing(result):
             console.print(line)
         console.print(

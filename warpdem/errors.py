@@ -19,11 +19,26 @@ class ModelWarning(UserWarning):
 
 
 class NonFiniteError(RuntimeError):
-    """The run left the finite numbers; the message names element, step and time step."""
+    """The run left the finite numbers; the message names element, step and time step.
+
+    last: displacement, orientation, velocity and angular_velocity at the last look without fault,
+    at step `last_step`; empty, -1 if there was none.
+    """
+
+    last: dict[str, NDArray] = {}  # noqa: RUF012
+    last_step = -1
+
+
+class UnstableError(NonFiniteError):
+    """Numbers are finite still, but motion or energy is more than can be."""
 
 
 class TroubledBondError(RuntimeError):
     """A bond left the range of its law; the message names it, how far and the step."""
+
+
+class DamagedFileError(InputError):
+    """A file that is not whole, or not what it says it is; the message says what is wrong."""
 
 
 class NotConvergedError(RuntimeError):

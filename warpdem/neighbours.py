@@ -117,6 +117,10 @@ class Neighbours:
         self.builds += 1
         return grows
 
+    def reserve(self, capacity: int) -> None:
+        """Make new arrays for so many entries; launches have to be bound to them."""
+        self._grow(capacity)
+
     def pairs(self) -> np.ndarray:
         """Element ids of the listed pairs, (p, 2), lower id first, sorted."""
         start = self._arrays["contact_start"].numpy()

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .errors import InputError
 from .friction import coulomb
 from .kernels.algebra import space
 from .kernels.box import strain_box
@@ -130,6 +131,11 @@ class Step:
     half kick before it has the old forces, the one after it the new.
     """
 
+    # what a checkpoint leaves out of a step's own numbers: arrays have their place in it, these
+    # are views of them
+    not_saved = ("arrays", "_shapes", "_flags", "_nothings")
+    addresses = ("wall_mesh",)  # arrays that hold no numbers but where things are on this device
+
     def __init__(
         self,
         model: Model,
@@ -164,6 +170,7 @@ class Step:
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
+        self._stress_everywhere: wp.Launch | None = None
         self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
@@ -237,25 +244,28 @@ class Step:
 
     def _pose_walls(self, moves: bool) -> None:
         """Poses of walls at this instant, or at the end of a step and how they came there."""
-        walls, middle = self.model.walls, self.model.contact_middle
-        assert middle is not None
-        if self._walls_posed and all(w.stands for w in walls):
+        if self._walls_posed and all(w.stands for w in self.model.walls):
             return
         self._walls_posed = True
-        before = [
-            w.pose(self.count * self.dt, x) for w, x in zip(walls, self.wall_way, strict=True)
-        ]
-        now, dt = before, self.dt
+        before, dt = self.wall_poses(self.count), self.dt
+        now = before
         if moves:
             self._steer_walls()
-            time = (self.count + 1) * dt
-            now = [w.pose(time, x) for w, x in zip(walls, self.wall_way, strict=True)]
+            now = self.wall_poses(self.count + 1)
         for name, poses in (("_before", before), ("", now)):
-            self._write("wall_place" + name, np.ravel([p - middle for p, _ in poses]))
+            self._write("wall_place" + name, np.ravel([p for p, _ in poses]))
             self._write("wall_turn" + name, np.ravel([q for _, q in poses]))
         pairs = list(zip(before, now, strict=True))
         self._write("wall_velocity", np.ravel([(b[0] - a[0]) / dt for a, b in pairs]))
         self._write("wall_spin", np.ravel([turn_between(a[1], b[1]) / dt for a, b in pairs]))
+
+    def wall_poses(self, step: int) -> list[tuple[NDArray, NDArray]]:
+        """Place [m], from the middle of the scene, and orientation of every wall at a step."""
+        middle, pairs = self.model.contact_middle, zip(self.model.walls, self.wall_way, strict=True)
+        if middle is None:
+            return []
+        poses = (wall.pose(step * self.dt, way) for wall, way in pairs)
+        return [(place - middle, turn) for place, turn in poses]
 
     def _steer_walls(self) -> None:
         """Move steered walls by the force they lack over an impedance (docs/equations.md)."""
@@ -389,7 +399,7 @@ class Step:
         yz, xz."""
         if self.model.bond_arm is None:
             return np.zeros((self.model.elements, 4 if self.model.features.dim == 2 else 6))
-        if "all_elements" not in self.arrays:
+        if self._stress_everywhere is None:
             self.upload("all_elements", np.arange(self.model.elements, dtype=np.int32))
             if "stress" not in self.arrays:
                 width = 4 if self.model.features.dim == 2 else 6
@@ -479,6 +489,21 @@ class Step:
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
         return sum(a.capacity for a in self.arrays.values())
+
+    def restore(self, name: str, value: NDArray, shape: tuple[int, ...]) -> None:
+        """Overwrite an array, bit by bit, by one that was kept; one that is not there is made."""
+        if name not in self.arrays:
+            self._shapes[name] = shape
+            dtype = wp.dtype_from_numpy(value.dtype)
+            self.arrays[name] = wp.array(value, dtype=dtype, device=self.device)
+            return
+        now = self.arrays[name].numpy()
+        if now.dtype != value.dtype or now.shape != value.shape:
+            raise InputError(
+                f"{name} of the checkpoint is {value.dtype} {value.shape}, of this simulation "
+                f"{now.dtype} {now.shape}; another warpdem, or another precision, wrote it."
+            )
+        self.arrays[name].assign(value)
 
     # -- passes -----------------------------------------------------------------------------------
 

@@ -98,17 +98,26 @@ def build(
     return sim
 
 
+def start_record(
+    experiment: str, parameters: Any, precision: str, device: str
+) -> dict[str, object]:
+    """What of run.json is known before a run."""
+    given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
+    return {
+        "experiment": experiment,
+        "parameters": given | {"precision": precision, "device": device},
+    }
+
+
 def write_record(
     where: Path, experiment: str, parameters: Any, result: Result, began: float
 ) -> None:
     """run.json: all parameters, numbers, energies and versions; `began`: when, for the seconds."""
     sim = result.simulation
     result.seconds = time.perf_counter() - began
-    given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
     record = {
-        "experiment": experiment,
         "status": "complete",
-        "parameters": given | {"precision": sim.precision, "device": str(sim.device)},
+        **start_record(experiment, parameters, sim.precision, str(sim.device)),
         **result.numbers(),
         "energy": sim.energy(),
         "machine": describe_machine(),

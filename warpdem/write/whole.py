@@ -22,6 +22,8 @@ def whole(path: str | Path) -> Iterator[Path]:
     part = final.with_name(f".{final.stem}.{os.getpid()}.part{final.suffix}")
     try:
         yield part
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())  # before its name says that it is whole
         os.replace(part, final)
     finally:
         part.unlink(missing_ok=True)
