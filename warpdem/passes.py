@@ -97,7 +97,7 @@ def team_of(threads: int, device: str) -> Team | None:
             "the code that this version of Warp writes for a CPU is not known to warpdem, so one "
             "thread does all the work, in plain loops.",
             ModelWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
         return None
     return Team(int(threads))

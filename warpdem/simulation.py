@@ -19,6 +19,7 @@ from .errors import (
     InputError,
     ModelWarning,
     TooFastError,
+    checked,
     finite,
     first_ids,
     one_of,
@@ -94,6 +95,7 @@ class Simulation:
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
     """
 
+    @checked
     def __init__(
         self,
         scene: Scene,
@@ -200,6 +202,7 @@ class Simulation:
         self._observers.append(observer)
         return observer
 
+    @checked
     def run(
         self,
         *,
@@ -274,6 +277,7 @@ class Simulation:
         self._step.synchronise()
         save(self, Checkpoint(path).path)
 
+    @checked
     def relax(
         self, tolerance: float | None = None, max_steps: int = 100_000, tell: Telling | None = None
     ) -> float:
@@ -294,6 +298,7 @@ class Simulation:
         finally:
             self._start_anew()
 
+    @checked
     def equilibrate(
         self,
         tolerance: float = 1e-8,
@@ -316,6 +321,7 @@ class Simulation:
         finally:
             self._start_anew()
 
+    @checked
     def natural_frequencies(self, count: int = 6) -> Array:
         """Lowest angular frequencies [rad/s] of small motions about the current state, (count,).
 
@@ -820,7 +826,7 @@ class Simulation:
                     f"at step {self._step.count} faces were not renewed, and the old ones stay "
                     f"until they can be: {why}",
                     ModelWarning,
-                    stacklevel=3,
+                    stacklevel=4,
                 )
 
     def _refuse_contact(self, what: str) -> None:
@@ -849,7 +855,7 @@ class Simulation:
                 f"the shortest time of relaxation, {least:.3g} s, is below the time step "
                 f"{self.dt:.3g} s; its branch acts as a viscosity of half a step's time instead.",
                 ModelWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def _ids(self) -> NDArray[np.int64]:
@@ -941,7 +947,7 @@ class Simulation:
                 f"time step is known to be stable up to {HERTZ_OVERLAP:g}. Take a smaller dt, or "
                 "law='linear'.",
                 ModelWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def _check_speed(self, error: type[Exception]) -> None:
