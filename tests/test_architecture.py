@@ -50,7 +50,7 @@ ALLOWED = {
     "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
-        *("bond", "friction", "toughness"),
+        *("bond", "checkpoint", "friction", "toughness"),
     },
     "calibration": {"errors", "criteria", "experiments", "toughness"},
     "validation": {
@@ -59,7 +59,10 @@ ALLOWED = {
         *("friction", "relinking", "viscoelasticity", "wall"),
     },
     "sweeps": {"errors", "experiments", "write"},
-    "cli": {"errors", "experiments", "observe", "simulation", "sweeps", "validation", "write"},
+    "cli": {
+        *("archive", "checkpoint", "errors", "experiments", "observe", "simulation", "sweeps"),
+        *("validation", "write"),
+    },
     "__main__": {"cli"},
 }
 

@@ -622,7 +622,7 @@ def test_five_runs_of_a_scene_are_one():
 @pytest.mark.filterwarnings("ignore::warpdem.ModelWarning")
 @pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("make", [facets, space, breaking_plastic, prony],
+@pytest.mark.parametrize("make", [facets, breaking_plastic, prony],
                          ids=lambda m: m.__name__)  # fmt: skip
 def test_one_and_two_threads_resume_to_the_same_bits(make, precision, tmp_path, monkeypatch):
     """Three runs in one and one in two halves, with launches this small shared out as well."""

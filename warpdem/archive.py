@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from .errors import DamagedFileError, InputError
+from .errors import DamagedFileError, InputError, UnwritableError
 
 VERSION = 1
 SEAL = b"warpdem sha256 "
@@ -56,7 +56,7 @@ def write_archive(path: Path, header: dict[str, Any], arrays: dict[str, NDArray]
         os.replace(part, path)
         sync_folder(path.parent)
     except OSError as error:
-        raise InputError(
+        raise UnwritableError(
             f"cannot write {path}: {error.strerror or error}; what was there before is whole. Free "
             "some space, or choose another folder."
         ) from None

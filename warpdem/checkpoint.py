@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -19,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .archive import read_archive, write_archive
-from .errors import DamagedFileError, InputError
+from .archive import previous, read_archive, write_archive
+from .errors import DamagedFileError, InputError, positive
 from .model import state_arrays
 from .wall import Shape
 
@@ -38,33 +39,46 @@ class Checkpoint:
     """Writes a checkpoint every `every` steps, at the end of a run, and when SIGTERM or SIGINT end
     it; `wd.resume(path, scene)` goes on from it.
 
-    path: ends in .npz; the checkpoint before it is kept as NAME.previous.npz. Handed to a
-    simulation like an observer; it comes after all of them, and changes no bit of the run.
+    path: ends in .npz; the checkpoint before it is kept as NAME.previous.npz. seconds: of wall
+    time; if given, one is written no more often than that, and none at the end of a run. Handed to
+    a simulation like an observer; it comes after all of them, and changes no bit of the run.
     """
 
-    def __init__(self, path: str | Path, every: int = 1000) -> None:
+    def __init__(self, path: str | Path, every: int = 1000, seconds: float | None = None) -> None:
         self.path, self.every = Path(path), every
+        self.seconds = None if seconds is None else float(positive("seconds", seconds, ()))
         if self.path.suffix != ".npz":
             raise InputError(f"{self.path.name} must end in .npz.")
         if every < 1:
             raise InputError(f"checkpoint_every is {every}; give 1 or more steps.")
         if not self.path.parent.is_dir():
             raise InputError(f"there is no folder {self.path.parent}; make it first.")
-        self._saved = -1
+        self._saved, self._since = -1, 0.0
 
     def start(self, sim: Simulation) -> None:
         """What a run starts from needs no checkpoint."""
-        self._saved = sim.steps
+        self._saved, self._since = sim.steps, time.monotonic()
 
     def observe(self, sim: Simulation) -> None:
-        """Write one, if there is none of this step."""
-        if self._saved != sim.steps:
-            sim.save(self.path)
-            self._saved = sim.steps
+        """Write one, if it is time."""
+        if self.seconds is None or time.monotonic() - self._since >= self.seconds:
+            self.write(sim)
 
     def finish(self, sim: Simulation) -> None:
         """Write the last one."""
-        self.observe(sim)
+        if self.seconds is None:
+            self.write(sim)
+
+    def write(self, sim: Simulation) -> None:
+        """Write one, if there is none of this step."""
+        if self._saved != sim.steps or not self.path.exists():
+            sim.save(self.path)
+            self._saved, self._since = sim.steps, time.monotonic()
+
+    def remove(self) -> None:
+        """Remove the files, of a run that is complete."""
+        for path in (self.path, previous(self.path)):
+            path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -166,13 +180,14 @@ class _NotPlainError(Exception):
 
 def told(owner: object, arrays: dict[str, NDArray]) -> Any:
     """The attributes of an object that are plain data, as JSON and arrays; functions, files and
-    the like are left to whoever makes the object anew. So are those named in its `not_saved`."""
+    the like are left to whoever makes the object anew. So are those named in its `not_saved`.
+    Objects in it that are observers, or say that they `have_records`, are told likewise."""
     pairs, left = [], getattr(owner, "not_saved", ())
     for name, value in getattr(owner, "__dict__", {}).items():
         if name in left:
             continue
         try:
-            if _is_observer(value):
+            if _has_records(value):
                 pairs.append([name, {"object": told(value, arrays)}])
             else:
                 pairs.append([name, _tell(value, arrays)])
@@ -200,8 +215,9 @@ def retell(owner: object, data: Any, arrays: dict[str, NDArray]) -> None:
             own[name] = new
 
 
-def _is_observer(value: object) -> bool:
-    return hasattr(value, "observe") and hasattr(value, "finish") and hasattr(value, "__dict__")
+def _has_records(value: object) -> bool:
+    observes = hasattr(value, "observe") and hasattr(value, "finish") and hasattr(value, "__dict__")
+    return observes or getattr(value, "have_records", False) is True
 
 
 def _tell(value: Any, arrays: dict[str, NDArray]) -> Any:

@@ -48,6 +48,10 @@ class DamagedFileError(InputError):
     """A file that is not whole, or not what it says it is; the message says what is wrong."""
 
 
+class UnwritableError(InputError):
+    """A file that cannot be written, as on a full disk; the message says what is whole still."""
+
+
 class NotConvergedError(RuntimeError):
     """A search for rest did not reach its residual; the message says how far it came."""
 

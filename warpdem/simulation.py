@@ -262,11 +262,12 @@ class Simulation:
             for each in kept:
                 if self._step.count % each.every == 0:
                     each.observe(self)
-        for each in kept:
-            each.finish(self)
-        if not noted:
-            for observer in self._observers:
-                observer.finish(self)
+        if noted:
+            for each in kept:
+                each.write(self)
+            return
+        for observer in (*kept, *self._observers):
+            observer.finish(self)
 
     def save(self, path: str | Path) -> None:
         """Write all of the state to a file from which `resume` goes on to the same bits.

@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from .. import criteria
+from ..checkpoint import Checkpoint
 from ..criteria import Criterion
 from ..errors import InputError, one_of
 from ..scene import Scene
-from ..simulation import Simulation
+from ..simulation import Simulation, resume
 from ..write.record import describe_machine
 from ..write.whole import write_json
 
 Say = Callable[[str], None]
+CHECKPOINT = "checkpoint.npz"  # in the folder of a run, while it is not complete
 # of the log of broken bonds
 UNITS = {
     "time": "s",
@@ -81,12 +83,19 @@ def build(
     size: str,
     local_damping: float = 0.0,
     threads: int = 1,
+    checkpoint: Checkpoint | None = None,
 ) -> Simulation:
-    """The simulation of a scene; tells its size and its time step."""
+    """The simulation of a scene, which goes on from the checkpoint's file if there is one; tells
+    its size and its time step."""
     say("compiling kernels, once for each kind of scene; later runs take them from disk")
-    sim = Simulation(
-        scene, device=device, precision=precision, local_damping=local_damping, threads=threads
-    )
+    if checkpoint is not None and checkpoint.path.exists():
+        sim = resume(checkpoint.path, scene, device=device, threads=threads)
+    else:
+        sim = Simulation(
+            scene, device=device, precision=precision, local_damping=local_damping, threads=threads
+        )
+    if checkpoint is not None:
+        sim.observe(checkpoint)
     say(
         f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
         f"{sim.bytes / 1e6:.0f} MB; {size}"
@@ -96,6 +105,13 @@ def build(
         f"(rigorous bound {sim.dt_bound:.4g} s)"
     )
     return sim
+
+
+def foreseen(sim: Simulation, steps: int) -> str:
+    """How long a run of about so many steps will take, in words."""
+    if sim.steps:  # looking at the passes could change what is to go on to the bit
+        return f"going on at step {sim.steps} of about {steps}"
+    return f"about {steps} steps, {steps * sim.seconds_per_step():.0f} s"
 
 
 def start_record(

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
+from ..errors import InputError, UnwritableError
 from .whole import folder
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class BreakLog:
             if lines:
                 self._append(lines)
         except OSError as error:
-            raise InputError(
+            raise UnwritableError(
                 f"cannot write {self.path}: {error.strerror}; its first {max(self.rows, 0)} bonds "
                 "are whole. Free some space, or choose another folder."
             ) from None
