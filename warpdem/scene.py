@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -373,6 +374,7 @@ class Scene:
         else:
             history = strain
 
+            @wraps(history)
             def at(time: float) -> Array:
                 return _strain(history(time), dim)
 
