@@ -293,11 +293,11 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
                 spring = law.rub(trial, n, limit)
                 whole = law.rub(trial, n, real(1.0e30))
                 if wp.static(ages):
-                    held, theta = holding.held(
+                    aged, theta = holding.held(
                         whole, pull, shear, friction, 0, friction_numbers, closing_theta[t], dt
                     )
                     closing_theta[t] = theta
-                    spring = wp.where(closing_gap[t] >= real(UNKNOWN), s.vec(), held)
+                    spring = wp.where(closing_gap[t] >= real(UNKNOWN), s.vec(), aged)
                 taken = real(0.5) * shear * wp.dot(before + spring, whole - spring)
                 if closing_gap[t] >= real(UNKNOWN):
                     taken = real(0.0)
