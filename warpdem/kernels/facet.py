@@ -307,8 +307,10 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
                 s.store(closing_spring, t, spring)
                 hold = shear * spring
                 f += hold
-                ti += s.cross(ci + real(0.5) * delta, hold)
-                tj -= s.cross(cj - real(0.5) * delta, hold)
+                # at the facet point of j: by the motion there in the frame of i, that of the
+                # anchor, the spring grows
+                ti += s.cross(ci + delta, hold)
+                tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
             owed = contact.left_over(stiffness, closing_gap[t], gap)
             if meets == real(0.0) and closing_stiffness[t] != real(0.0):

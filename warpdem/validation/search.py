@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from math import pi
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .. import packing
 from ..criteria import Rankine
@@ -148,3 +150,126 @@ def broken_periodic_bodies() -> Iterator[Measurement]:
             if not moves:
                 gained = max(0.0, ledger["kinetic"] + ledger["contact"] - start) / start
                 yield vanishing(f"energy gained, {where}", "bounded", gained, 0.0)
+
+
+def _rubble(dim: int, pressed: float, friction: float = 0.3, seed: int = 4) -> Simulation:
+    """A pressed, or stretched, body of which every element is on its own, and spins."""
+    p = packing.voronoi((5.0, 4.0, 3.0)[:dim], 1.0, "strain" if dim == 2 else None, seed=seed)
+    scene = Scene()
+    body = scene.add(p, SOFT)
+    body.linked[:] = False
+    scene.strain(body, -pressed * np.eye(dim))
+    rng = np.random.default_rng(seed)
+    out = 0.02 * (p.position - p.position.mean(axis=0))
+    scene.set_velocity(body, out + 5e-3 * rng.normal(size=p.position.shape))
+    body.angular_velocity[:] = 0.1 * rng.normal(size=body.angular_velocity.shape)
+    scene.contact(friction=friction)
+    return Simulation(scene)
+
+
+@case("search")
+def rubble_spins_and_flies() -> Iterator[Measurement]:
+    """Loose elements, at first pressed on each other, that spin, push each other and fly apart:
+    momenta step by step, energy, and the same bits in five runs."""
+    for dim in (2, 3):
+        for pressed in (0.05, -0.1):
+            sim = _rubble(dim, pressed)
+            start = sum(sim.initial_energies[x] for x in ("kinetic", "pair", "volume", "contact"))
+            where = f"{dim}D, " + ("pressed" if pressed > 0.0 else "apart")
+            last, worst, total, most = momenta(sim), 0.0, 0.0, 0.0
+            first = last
+            for _ in range(400):
+                sim.run(steps=1)
+                now = momenta(sim)
+                for at in (0, 1):
+                    size = max(now[2 + at], last[2 + at])
+                    worst = max(worst, float(np.abs(now[at] - last[at]).max() / size))
+                    total = max(total, float(np.abs(now[at] - first[at]).max() / size))
+                last = now
+            for _ in range(20):
+                sim.run(steps=20)
+                ledger = sim.energy()
+                most = max(most, ledger["kinetic"] + ledger["contact"])
+            yield vanishing(f"momenta, change in a step, {where}", "Newton", worst, 1e-12)
+            yield vanishing(f"momenta, change in 400 steps, {where}", "Newton", total, 1e-11)
+            gained = max(0.0, most - start) / start
+            yield vanishing(f"energy gained, {where}", "bounded", gained, 1e-3)
+            missing = abs(sim.energy()["residual"]) / start
+            yield vanishing(f"energy missing, {where}", "conserved", missing, 1e-3)
+            near = sim._step.neighbours
+            assert near is not None
+            builds = near.builds
+            yield Measurement(
+                f"lists built, {where}", 2, "they move", builds, float(builds < 2), 0.0
+            )
+        differs = 0
+        states = []
+        for _ in range(5):
+            sim = _rubble(dim, 0.05)
+            sim.run(steps=300)
+            states.append(np.concatenate([sim.position, sim.velocity], axis=1))
+        differs = sum(int((state != states[0]).sum()) for state in states)
+        yield vanishing(f"numbers that differ in five runs, {dim}D", "same bits", differs, 0.0)
+
+
+def _turned(sim: Simulation, start: Array, turn: Rotation, omega: Array, last: Array) -> Array:
+    """Put all elements where a rigid turn brings them, moving as it ends; their places."""
+    dim = start.shape[1]
+    wide = np.zeros((len(start), 3))
+    wide[:, :dim] = start
+    now = turn.apply(wide)[:, :dim]
+    q = turn.as_quat()
+    step = sim._step
+    step.upload("displacement", now - sim.model.position)
+    step.upload("velocity", (now - last) / sim.dt)
+    step.upload("angular_velocity", np.tile(omega if dim == 3 else omega[2:], (len(start), 1)))
+    step.upload("orientation", np.tile(q if dim == 3 else q[2:], (len(start), 1)))
+    return now
+
+
+@case("search")
+def pressed_pairs_turn_once() -> Iterator[Measurement]:
+    """A pressed pair with a tangential spring turns rigidly once, 1000 steps: two elements that
+    touch, and two faces of a broken bond, in the plane and about any axis in space."""
+    steps = 1000
+    axes = [(2, [0.0, 0.0, 1.0]), (3, [0.3, -0.5, 0.8]), (3, [1.0, 0.0, 0.2]), (3, [0.0, 1.0, 0.0])]
+    for dim, axis in axes:
+        for faces in (False, True):
+            omega = np.array(axis) / np.linalg.norm(axis)
+            scene = Scene()
+            if faces:
+                p = packing.square((2.0, 1.0), 1.0, "strain")
+                p = p if dim == 2 else packing.simple_cubic((2.0, 1.0, 1.0), 1.0)
+                body = scene.add(p, SOFT)
+                body.linked[:] = False
+                body.displacement[1, 0] = -0.05
+            else:
+                scene.add(ball(np.zeros(dim), 0.5), SOFT)
+                scene.add(ball(0.9 * np.eye(dim)[0], 0.5), SOFT)
+            scene.contact(friction=100.0)
+            sim = Simulation(scene, dt=2.0 * pi / steps, force_dt=True)
+            step, start = sim._step, sim.position
+            spring = np.array([0.0, 0.01, 0.02])
+            spring[dim:] = 0.0
+            if faces:
+                step.upload("closing_spring", spring[None, :dim])
+                step.upload("closing_slip", (-0.05 * np.eye(dim)[0] - spring[:dim])[None])
+            else:
+                whole = np.zeros(step.arrays["contact_spring"].size)
+                whole[: 2 * dim] = np.tile(spring[:dim], 2)
+                step.arrays["contact_spring"].assign(whole)
+            last, worst = start, 0.0
+            name = "closing_spring" if faces else "contact_spring"
+            for n in range(1, steps + 1):
+                turn = Rotation.from_rotvec(2.0 * pi * n / steps * omega)
+                last = _turned(sim, start, turn, omega, last)
+                step._touch(moves=True)
+                if faces:
+                    step._evaluate.launch()
+                found = step.arrays[name].numpy()[:dim]
+                worst = max(worst, float(np.abs(found - turn.apply(spring)[:dim]).max()))
+            where = f"{dim}D, axis {axis}, " + ("faces" if faces else "elements")
+            error = worst / float(np.linalg.norm(spring))
+            yield vanishing(f"spring on the way, {where}", "turned with the pair", error, 1e-5)
+            lost = abs(sim.energy()["friction"])
+            yield vanishing(f"taken by slip, {where}", "no slip", lost, 1e-15)
