@@ -45,7 +45,7 @@ ALLOWED = {
     "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
-        *("bond", "friction", "toughness"),
+        *("bond", "contact", "friction", "moduli", "toughness", "wall"),
     },
     "calibration": {"errors", "criteria", "experiments", "toughness"},
     "validation": {

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
-from .contact import Contact
+from .contact import Contact, touching_radius
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -36,6 +36,7 @@ from .observe import (
     FragmentTracker,
     PlaneProbe,
     Probe,
+    Series,
     Snapshot,
     StressStrain,
     When,
@@ -102,6 +103,7 @@ __all__ = [
     "RateAndState",
     "Rectangle",
     "Scene",
+    "Series",
     "Servo",
     "Simulation",
     "Snapshot",
@@ -130,6 +132,7 @@ __all__ = [
     "packing",
     "periodic_moduli",
     "sweep",
+    "touching_radius",
     "wall",
     "write_fragments",
 ]

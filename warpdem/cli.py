@@ -26,6 +26,7 @@ from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
+from .experiments.trial import Stage, Trial
 from .observe import CrackTracker
 from .simulation import Observer, Simulation
 from .sweeps import ENGINES, PARENT, Run, Sweep, sweep
@@ -333,6 +334,28 @@ for _parameters, _function in (
         ROCK_FILES,
         _load_progress,
         _rock_closing,
+    )
+
+
+def _time_progress(_: Trial, stage: Stage) -> Observer:
+    scale, unit = unit_of(stage.until)
+
+    def done() -> tuple[float, str]:
+        now = stage.series.now
+        return now, f"{now * scale:.4g}"
+
+    return Advance("time", f"{stage.until * scale:.4g} {unit[:-1]}s", stage.until, done)
+
+
+for _trial, _make in ((experiments.SlidingBlock, experiments.sliding_block),):
+    experiment(
+        _trial.name,
+        _trial.title.lower(),
+        _trial,
+        _make,
+        _trial.files,
+        _time_progress,
+        lambda result: result.told,
     )
 
 

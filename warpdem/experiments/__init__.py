@@ -7,6 +7,7 @@ from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
 from .rock import Rock, RockResult
 from .shared import Result
+from .sliding_block import SlidingBlock, SlidingBlockResult, sliding_block
 from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
 
 __all__ = [
@@ -21,6 +22,8 @@ __all__ = [
     "Result",
     "Rock",
     "RockResult",
+    "SlidingBlock",
+    "SlidingBlockResult",
     "Specimen",
     "Tension",
     "brazilian",
@@ -29,6 +32,7 @@ __all__ = [
     "material_strength",
     "mode_i",
     "mode_ii",
+    "sliding_block",
     "strength_envelope",
     "tension",
 ]

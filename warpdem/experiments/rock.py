@@ -9,11 +9,10 @@ from __future__ import annotations
 import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import asin, degrees, inf, isfinite, nan
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypedDict
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +23,10 @@ from ..material import Material
 from ..observe import FracturePlane, StressStrain, When, fracture_plane
 from ..packing import Mask, Packing
 from ..scene import Body, Scene
-from ..simulation import Observer, Simulation
+from ..simulation import Simulation
 from ..write.whole import folder, write_csv
 from .material_point import material_strength
-from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
+from .shared import UNITS, Observers, Result, Say, build, run_numbers, silent, write_record
 
 PLANES = ("stress", "strain", "space")
 PACKINGS = ("voronoi", "hexagonal", "fcc")
@@ -175,9 +174,6 @@ class Rig:
         )
 
 
-Observers = Callable[[Simulation, Rig], list[Observer]]
-
-
 @dataclass
 class RockResult(Result):
     """What came out of a test. Stresses in Pa, positive in the direction of the load.
@@ -226,18 +222,6 @@ class RockResult(Result):
             across = self.history.core_stress - self.history.core_stress[0]
             total = total - self.parameters.poisson / self.parameters.young * across.sum(axis=1)
         return total
-
-
-class Options(TypedDict, total=False):
-    """What every test takes beside its parameters; see `rock_test`."""
-
-    device: str
-    precision: str
-    threads: int
-    out: str | Path | None
-    observers: Observers | None
-    say: Say
-    frames: int
 
 
 def rock_test(
