@@ -10,7 +10,7 @@ import pytest
 from pxr import Usd, UsdGeom, UsdValidation
 
 import warpdem as wd
-from warpdem.experiments import SlidingBlock, sliding_block
+from warpdem.experiments import SlidingBlock, SpringSlider, sliding_block, spring_slider
 
 SOFT = {"young": 1e7, "speed": 0.1}
 
@@ -103,3 +103,42 @@ def test_trials_are_commands(tmp_path):
 @pytest.mark.slow
 def test_the_default_block():
     assert sliding_block().distance_error == pytest.approx(0.0, abs=1e-4)
+
+
+# -- spring sliders -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", ["aging", "slip"])
+def test_sliders_swing_up_below_the_critical_stiffness_and_down_above(law, tmp_path):
+    result = spring_slider(SpringSlider(law=law, rate=3e-2, swings=3.0), out=tmp_path)
+    assert result.soft_growth > 1.1
+    assert result.stiff_growth < 0.9
+    # against SciPy; at this rate with 200 steps over Dc
+    assert max(result.soft_error, result.stiff_error) < 1e-4
+    # Ruina's linear theory; the swings are small, not infinitely so, and inertia is 1e-3
+    assert result.soft_growth == pytest.approx(result.soft_expected_growth, rel=0.02)
+    assert result.stiff_growth == pytest.approx(result.stiff_expected_growth, rel=0.02)
+    assert result.pressing_force == pytest.approx(1e4, rel=1e-9)
+    written(result, tmp_path)
+
+
+def test_growth_of_swings_is_known_at_the_threshold():
+    p = SpringSlider()
+    assert p.growth(1.0) == pytest.approx(1.0)
+    # k_crit = N (b - a)/Dc, period 2 pi Dc/V sqrt(a/(b - a))
+    assert p.critical_stiffness == pytest.approx(1e4 * 0.005 / 1e-5)
+    assert p.swing_time(1.0) == pytest.approx(2.0 * np.pi * 1e-5 / 1.1e-2 * np.sqrt(2.0))
+
+
+def test_friction_that_strengthens_has_no_threshold():
+    with pytest.raises(wd.InputError, match="give b above a"):
+        SpringSlider(a=0.02)
+    with pytest.raises(wd.InputError, match="stiffer than the contact"):
+        SpringSlider(slip=1e-8)
+
+
+@pytest.mark.slow
+def test_the_default_sliders():
+    result = spring_slider()
+    assert max(result.soft_error, result.stiff_error) < 1e-4
+    assert result.stiff_growth < 1.0 < result.soft_growth

@@ -347,7 +347,10 @@ def _time_progress(_: Trial, stage: Stage) -> Observer:
     return Advance("time", f"{stage.until * scale:.4g} {unit[:-1]}s", stage.until, done)
 
 
-for _trial, _make in ((experiments.SlidingBlock, experiments.sliding_block),):
+for _trial, _make in (
+    (experiments.SlidingBlock, experiments.sliding_block),
+    (experiments.SpringSlider, experiments.spring_slider),
+):
     experiment(
         _trial.name,
         _trial.title.lower(),

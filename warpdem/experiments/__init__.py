@@ -9,6 +9,7 @@ from .rock import Rock, RockResult
 from .shared import Result
 from .sliding_block import SlidingBlock, SlidingBlockResult, sliding_block
 from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
+from .spring_slider import SpringSlider, SpringSliderResult, spring_slider
 
 __all__ = [
     "Brazilian",
@@ -25,6 +26,8 @@ __all__ = [
     "SlidingBlock",
     "SlidingBlockResult",
     "Specimen",
+    "SpringSlider",
+    "SpringSliderResult",
     "Tension",
     "brazilian",
     "compression",
@@ -33,6 +36,7 @@ __all__ = [
     "mode_i",
     "mode_ii",
     "sliding_block",
+    "spring_slider",
     "strength_envelope",
     "tension",
 ]

@@ -17,11 +17,12 @@ from ..scene import Scene
 from ..simulation import Simulation
 from ..write.chart import Chart
 from ..write.whole import folder, write_csv
-from .shared import UNITS, Options, Result, build, run_numbers, silent, write_record
+from .shared import UNITS, Result, build, run_numbers, silent, write_record
 
 FILES = ("picture.png", "scene.usd", "series.csv", "run.json")
 BREAKING = ("broken_bonds.csv", "fragments.csv", "fragments_history.csv", "fragments.png")
 ROWS, LOOKS, FRAMES = 600, 120, 48  # of the series, at fragments, of the USD scene
+Reader = Callable[[Simulation], float]
 
 
 def _at_once(_: Simulation) -> None:
@@ -40,7 +41,7 @@ class Stage:
     scene: Scene
     until: float
     size: str
-    columns: dict[str, Callable[[Simulation], float]]
+    columns: dict[str, Reader]
     units: dict[str, str]
     damping: float = 0.0
     start: Callable[[Simulation], None] = _at_once
@@ -90,7 +91,7 @@ class TrialResult(Result):
     pieces: FragmentTracker | None = field(repr=False)
     parameters: Any = field(repr=False)
 
-    objects = ("simulation", "series", "pieces", "parameters")
+    objects: ClassVar[tuple[str, ...]] = ("simulation", "series", "pieces", "parameters")
 
     @property
     def told(self) -> list[str]:
@@ -162,6 +163,3 @@ def _write(where: Path, p: Trial, stage: Stage, result: TrialResult) -> None:
     if result.pieces is not None:
         write_csv(where / "broken_bonds.csv", sim.broken_bonds(), UNITS)
         write_fragments(where, result.pieces)
-
-
-__all__ = ["BREAKING", "FILES", "Options", "Run", "Stage", "Trial", "TrialResult", "run_trial"]
