@@ -50,7 +50,7 @@ ALLOWED = {
     "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
-        *("bond", "checkpoint", "friction", "toughness"),
+        *("bond", "checkpoint", "contact", "friction", "moduli", "toughness", "wall"),
     },
     "calibration": {"errors", "criteria", "experiments", "toughness"},
     "validation": {

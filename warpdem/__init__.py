@@ -7,7 +7,7 @@ from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
 from .checkpoint import Checkpoint
-from .contact import Contact
+from .contact import Contact, touching_radius
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -40,6 +40,7 @@ from .observe import (
     FragmentTracker,
     PlaneProbe,
     Probe,
+    Series,
     Snapshot,
     StressStrain,
     When,
@@ -113,6 +114,7 @@ __all__ = [
     "RateAndState",
     "Rectangle",
     "Scene",
+    "Series",
     "Servo",
     "Simulation",
     "Snapshot",
@@ -144,6 +146,7 @@ __all__ = [
     "periodic_moduli",
     "resume",
     "sweep",
+    "touching_radius",
     "wall",
     "write_fragments",
 ]

@@ -29,6 +29,7 @@ from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
 from .experiments.shared import CHECKPOINT, start_record
+from .experiments.trial import Stage, Trial
 from .observe import CrackTracker
 from .simulation import GUARD_EVERY, Observer, Simulation
 from .sweeps import ENGINES, PARENT, Run, Sweep, sweep
@@ -385,6 +386,31 @@ for _parameters, _function in (
         ROCK_FILES,
         _load_progress,
         _rock_closing,
+    )
+
+
+def _time_progress(_: Trial, stage: Stage) -> Observer:
+    scale, unit = unit_of(stage.until)
+
+    def done() -> tuple[float, str]:
+        now = stage.series.now
+        return now, f"{now * scale:.4g}"
+
+    return Advance("time", f"{stage.until * scale:.4g} {unit[:-1]}s", stage.until, done)
+
+
+for _trial, _make in (
+    (experiments.SlidingBlock, experiments.sliding_block),
+    (experiments.SpringSlider, experiments.spring_slider),
+):
+    experiment(
+        _trial.name,
+        _trial.title.lower(),
+        _trial,
+        _make,
+        _trial.files,
+        _time_progress,
+        lambda result: result.told,
     )
 
 

@@ -7,7 +7,9 @@ from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
 from .rock import Rock, RockResult
 from .shared import Result
+from .sliding_block import SlidingBlock, SlidingBlockResult, sliding_block
 from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
+from .spring_slider import SpringSlider, SpringSliderResult, spring_slider
 
 __all__ = [
     "Brazilian",
@@ -21,7 +23,11 @@ __all__ = [
     "Result",
     "Rock",
     "RockResult",
+    "SlidingBlock",
+    "SlidingBlockResult",
     "Specimen",
+    "SpringSlider",
+    "SpringSliderResult",
     "Tension",
     "brazilian",
     "compression",
@@ -29,6 +35,8 @@ __all__ = [
     "material_strength",
     "mode_i",
     "mode_ii",
+    "sliding_block",
+    "spring_slider",
     "strength_envelope",
     "tension",
 ]

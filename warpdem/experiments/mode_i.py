@@ -144,7 +144,7 @@ def mode_i(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint)
+    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
     rayleigh = p.material.rayleigh_speed("strain")
     window = p.length / 12.0
     # the last twelfth of the plate feels the free edge and is left out

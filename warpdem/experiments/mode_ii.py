@@ -177,7 +177,7 @@ def mode_ii(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint)
+    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
     if p.start == "surface" and not sim.steps:
         say("bringing the sheared plate to rest")
         sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[precision])
