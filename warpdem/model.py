@@ -255,6 +255,11 @@ class Model:
         return self.softening_end is not None
 
     @property
+    def breaks_beams(self) -> bool:
+        """Whether some bonds break by what they carry as beams."""
+        return any(not group.test.needs_stress for group in self.criteria)
+
+    @property
     def elements(self) -> int:
         """Number of elements."""
         return len(self.position)
@@ -453,7 +458,7 @@ def state_arrays(
         break_step[:b][linked[:b] == 1.0] = -1  # -1: may break still; -2: never will
         if any(group.test.needs_stress for group in model.criteria):
             state["stress"] = np.zeros((n, 4 if f.dim == 2 else 6))
-        state["any_broken"] = np.zeros(1, dtype=np.int32)
+        state["any_broken"] = np.zeros(1)
         state["break_step"] = break_step
         for name in ("break_energy", "break_normal", "break_shear", "criterion_ratio"):
             state[name] = np.zeros(listed)
@@ -464,6 +469,8 @@ def state_arrays(
                     state["break_damage"][group.first : group.first + group.count] = 0.0
         if model.softens:
             state["bond_keep"] = np.ones(b + 1)
+        if model.breaks_beams:
+            state["beam_load"] = np.zeros((model.evm_bonds, 4))
         if f.has_volume:
             state["element_release"] = np.zeros(n)
     return state

@@ -88,7 +88,7 @@ OPTIONAL = frozenset(
         *("mean_stiffness", "mean_stress"),
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
         *("hardening_strain", "hardening_stress", "plastic_strain"),
-        *("bond_keep", "break_damage", "softening_end"),
+        *("bond_keep", "break_damage", "softening_end", "beam_load"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
@@ -744,10 +744,13 @@ class Step:
             given: dict[str, Any] = {"time": time, "exponent": exponent, "dt": self.dt}
             given |= {"numbers": four(*group.numbers), "first": group.first}
             given["listed"] = self.arrays["listed_bonds"]
+            assert m.listed_bonds is not None
+            ids = m.listed_bonds[group.first : group.first + group.count]
+            given["first_bond"], in_row = int(ids[0]), bool((np.diff(ids) == 1).all())
             if group.test.needs_stress:
-                law = break_bonds(s, k, m.features.faces, group.test, self._simd)
+                law = break_bonds(s, k, m.features.faces, group.test, in_row, self._simd)
             else:
-                law = break_beams(s, k, group.test, self._simd)
+                law = break_beams(s, group.test, in_row, self._simd)
                 given["first_evm"] = m.facet_bonds
             passes.append(self._bind(law, group.count, **given))
         return passes
@@ -904,7 +907,9 @@ class Step:
             law = facet_forces(s, k, f.faces, f.has_volume, f.has_bending, near, self._simd)
             passes.append(self._bind(law, facets, listed=listed, first=0))
         if bonds > facets:
-            law = evm_forces(s, k, f.faces, f.has_volume, f.large_rotation, near, self._simd)
+            law = evm_forces(
+                s, k, f.faces, f.has_volume, f.large_rotation, m.breaks_beams, near, self._simd
+            )
             numbers = {"first": facets, "first_evm": m.facet_bonds}
             passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
         return passes + self._closing(dt)
