@@ -30,7 +30,10 @@ ALLOWED = {
     },
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},
-    "step": {"friction", "kernels", "model", "neighbours", "passes", "relinking", "wall"},
+    "patch": {"model", "passes"},
+    "step": {
+        *("friction", "kernels", "model", "neighbours", "passes", "patch", "relinking", "wall"),
+    },
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},

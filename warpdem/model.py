@@ -193,9 +193,6 @@ class Model:
     healing_stiffness: Array | None = None  # of the listed facet bonds: k, linked again
     healing_weight: Array | None = None  # likewise w
     healing_strength: Array | None = None  # of the listed bonds
-    near_bonds: Ids | None = None  # all bonds of the listed elements
-    near_elements: Ids | None = None  # all elements of the near bonds
-    near_facets: int = 0  # near bonds that are facet bonds, stored first
     yielding: tuple[Yielding, ...] = ()
     flow_elements: Ids | None = None  # elements that may yield, law after law
     hardening_strain: Array | None = None  # tables of hardening, one after the other
@@ -1439,12 +1436,6 @@ def _add_lists(
         model.bond_strength = np.concatenate(strength)
         if any(group.test.softens for group in groups):
             model.softening_end = np.concatenate(ends)
-    if groups or healing:
-        near = np.unique(model.incidence[:, model.listed_elements] >> 1)
-        model.near_bonds = near[near < model.bonds].astype(np.int32)
-        model.near_facets = int((model.near_bonds < model.facet_bonds).sum())
-        both = np.stack([model.bond_i, model.bond_j])[:, model.near_bonds]
-        model.near_elements = np.unique(both).astype(np.int32)
 
 
 def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:

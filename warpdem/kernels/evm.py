@@ -450,7 +450,7 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool):
 
 
 @cache
-def evm_settle(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
+def evm_settle(s: Laws, k: Laws, has_slip: bool):
     """Pass over listed EVM bonds: pay what their closing or opening left over."""
     kinematics, contact, real = evm_kinematics(s, k, has_slip), closing(s), s.real
 
@@ -482,6 +482,8 @@ def evm_settle(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
     ):
         t = wp.tid() + first
         b = nn(listed[t])
+        if not contact.owes(t, b, bond_place, closing_debt, closing_impulse):
+            return
         c = nn(b - first_evm)
         x = kinematics.load_flowed(
             b,
@@ -515,7 +517,8 @@ def evm_settle(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
             share,
         )
 
-    return kernel(evm_settle, simd)
+    # plain code, as `evm_closing`: few owe anything
+    return kernel(evm_settle, simd=False)
 
 
 @cache
@@ -568,12 +571,16 @@ def evm_energies(
 
 
 @cache
-def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
-    """Per listed EVM bond: the energy it holds, or would hold, unlinked [J]."""
+def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, has_rows: bool, simd: bool = True):
+    """Per listed EVM bond: the energy it holds, or would hold, unlinked [J].
+
+    has_rows: of those in `rows` of the list alone.
+    """
     kinematics, law, real = evm_kinematics(s, k, has_slip), evm(s), s.real
 
     def evm_closing_energies(
         # model
+        rows: wp.array(dtype=int),
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
@@ -591,7 +598,9 @@ def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
         first: int,
         first_evm: int,
     ):
-        t = wp.tid() + first
+        t = nn(wp.tid() + first)
+        if wp.static(has_rows):
+            t = nn(rows[t])
         b = nn(listed[t])
         x = kinematics.load_flowed(
             b,

@@ -346,7 +346,8 @@ def break_beams(s: Laws, test: Test, is_contiguous: bool, simd: bool = True):
 
 @cache
 def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
-    """Pass over listed bonds: stamp those broken just now with the step and the energy released.
+    """Pass over bonds that broke just now, rows of the listed ones: stamp them with the step and
+    the energy released.
 
     Bonds that soften release some in every step in which they do.
     """
@@ -354,6 +355,7 @@ def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
 
     def log_breaks(
         # model
+        rows: wp.array(dtype=int),
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
@@ -368,18 +370,18 @@ def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
         break_energy: wp.array(dtype=real),
         step: int,
     ):
-        l = wp.tid()
+        t = wp.tid()
+        l = rows[t]
         b = listed[l]
-        lost = wp.where(bond_linked[b] == real(0.0), real(1.0), real(0.0))
+        lost = real(1.0)
         if wp.static(softens):
             lost = real(1.0) - bond_keep[b]
-        if lost > real(0.0) and break_step[b] == -1:
-            released = lost * linked_energy[l]
-            if bond_linked[b] == real(0.0):
-                released -= closing_energy[l]
-                break_step[b] = step
-            if wp.static(has_volume):
-                released += element_release[bond_i[b]] + element_release[bond_j[b]]
-            break_energy[l] = break_energy[l] + released
+        released = lost * linked_energy[t]
+        if bond_linked[b] == real(0.0):
+            released -= closing_energy[l]
+            break_step[b] = step
+        if wp.static(has_volume):
+            released += element_release[bond_i[b]] + element_release[bond_j[b]]
+        break_energy[l] = break_energy[l] + released
 
     return kernel(log_breaks, simd)
