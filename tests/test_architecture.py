@@ -32,8 +32,10 @@ ALLOWED = {
     "checkpoint": {"archive", "errors", "model", "wall"},
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},
+    "patch": {"model", "passes"},
     "step": {
-        *("errors", "friction", "kernels", "model", "neighbours", "passes", "relinking", "wall"),
+        *("errors", "friction", "kernels", "model", "neighbours", "passes", "patch", "relinking"),
+        "wall",
     },
     "stability": {"errors", "model", "step"},
     "guard": {"errors", "model", "step"},
