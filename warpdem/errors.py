@@ -166,8 +166,13 @@ def _plain(name: str, value: Any, kinds: set[str]) -> Any:
         try:
             if "int" in kinds:
                 return index(value)
-            if "float" in kinds and not isnan(number := float(value)):
+            if "float" in kinds:
+                number = float(value)
+                if isnan(number):
+                    raise InputError(f"{name} is not finite; give a number.")
                 return number
+        except InputError:
+            raise
         except (TypeError, OverflowError, ValueError):
             pass
     words = {"bool": "True or False", "int": "a whole number", "float": "a number", "str": "a text"}
