@@ -10,7 +10,14 @@ import pytest
 from pxr import Usd, UsdGeom, UsdValidation
 
 import warpdem as wd
-from warpdem.experiments import SlidingBlock, SpringSlider, sliding_block, spring_slider
+from warpdem.experiments import (
+    Impact,
+    SlidingBlock,
+    SpringSlider,
+    impact,
+    sliding_block,
+    spring_slider,
+)
 
 SOFT = {"young": 1e7, "speed": 0.1}
 
@@ -142,3 +149,38 @@ def test_the_default_sliders():
     result = spring_slider()
     assert max(result.soft_error, result.stiff_error) < 1e-4
     assert result.stiff_growth < 1.0 < result.soft_growth
+
+
+# -- plate impact ---------------------------------------------------------------------------------
+
+PLATES = {"flyer": 2e-3, "target": 5e-3, "width": 1e-3}
+
+
+def test_a_plate_spalls_where_the_waves_meet(tmp_path):
+    result = impact(Impact(**PLATES), out=tmp_path)
+    assert result.plateau_over_speed == pytest.approx(1.0, abs=5e-3)
+    assert result.arrival == pytest.approx(result.expected_arrival, rel=0.03)
+    assert result.spall_depth_over_flyer == pytest.approx(1.0, abs=0.05)
+    # the dip is as short as fronts are, so that the back sees part of it
+    assert 0.3 < result.pull_back_strength / 100e6 < 1.0
+    assert result.momentum_error < 1e-12
+    assert abs(result.energy_error) < 1e-4
+    assert result.pieces_at_end > 2
+    assert written(result, tmp_path)["peak_stress"] == pytest.approx(
+        0.5 * 2500.0 * np.sqrt(70e9 * 0.75 / (1.25 * 0.5) / 2500.0) * 80.0
+    )
+
+
+def test_below_its_strength_a_plate_does_not_spall():
+    result = impact(Impact(**PLATES, speed=10.0, weibull=np.inf))  # 72 MPa
+    assert result.broken_bonds == 0 and np.isnan(result.spall_depth)
+    # the flyer hands over all of its momentum: once its wave has left the back, before it returns,
+    # the back rests
+    p, time = result.parameters, result.series["time"]
+    between = (2.0 * p.target + p.flyer) / p.wave_speed
+    assert abs(np.interp(between, time, result.series["back_speed"])) < 0.02 * p.speed
+
+
+def test_plates_too_thin_are_refused():
+    with pytest.raises(wd.InputError, match="give 10 or more"):
+        Impact(flyer=5e-4)

@@ -402,6 +402,7 @@ def _time_progress(_: Trial, stage: Stage) -> Observer:
 for _trial, _make in (
     (experiments.SlidingBlock, experiments.sliding_block),
     (experiments.SpringSlider, experiments.spring_slider),
+    (experiments.Impact, experiments.impact),
 ):
     experiment(
         _trial.name,

@@ -2,6 +2,7 @@
 
 from .brazilian import Brazilian, brazilian
 from .envelope import Envelope, strength_envelope
+from .impact import Impact, ImpactResult, impact
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
@@ -16,6 +17,8 @@ __all__ = [
     "Compression",
     "Confined",
     "Envelope",
+    "Impact",
+    "ImpactResult",
     "ModeI",
     "ModeII",
     "ModeIIResult",
@@ -32,6 +35,7 @@ __all__ = [
     "brazilian",
     "compression",
     "confined",
+    "impact",
     "material_strength",
     "mode_i",
     "mode_ii",
