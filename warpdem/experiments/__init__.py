@@ -1,7 +1,9 @@
 """Published experiments as functions, each also a command `warpdem run NAME`."""
 
+from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
 from .envelope import Envelope, strength_envelope
+from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
@@ -10,10 +12,14 @@ from .shared import Result
 from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
 
 __all__ = [
+    "Branching",
+    "BranchingResult",
     "Brazilian",
     "Compression",
     "Confined",
     "Envelope",
+    "Kalthoff",
+    "KalthoffResult",
     "ModeI",
     "ModeII",
     "ModeIIResult",
@@ -23,9 +29,11 @@ __all__ = [
     "RockResult",
     "Specimen",
     "Tension",
+    "branching",
     "brazilian",
     "compression",
     "confined",
+    "kalthoff",
     "material_strength",
     "mode_i",
     "mode_ii",
