@@ -24,6 +24,8 @@ from .checkpoint import Checkpoint
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
 from .experiments import ModeIIResult, ModeIResult, Result
 from .experiments.described import EXPERIMENTS, Experiment, read_given, write_given
+from .experiments.free_crack import FILES as FREE_CRACK_FILES
+from .experiments.free_crack import FreeCrack, FreeCrackResult
 from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
@@ -413,6 +415,49 @@ for _trial, _make in (
         _time_progress,
         lambda result: result.told,
     )
+
+
+def _free_progress(p: FreeCrack, crack: CrackTracker) -> Observer:
+    def done() -> tuple[float, str]:
+        return crack.time, f"{crack.time * 1e6:.3g}"
+
+    return Advance("time", f"{p.duration * 1e6:.3g} µs", p.duration, done)
+
+
+def _free_closing(result: FreeCrackResult) -> list[str]:
+    if not np.isfinite(result.start_time):
+        return ["no crack started at the notch"]
+    lines = [
+        f"crack at the notch: start {result.start_time * 1e6:.3g} µs, length "
+        f"{result.crack_length * 1e3:.3g} mm, median speed {result.median_over_rayleigh:.3f} of "
+        f"the Rayleigh speed {result.rayleigh_speed:.0f} m/s"
+    ]
+    if np.isfinite(result.branching_time):
+        lines.append(f"branching at {result.branching_time * 1e6:.3g} µs")
+    return lines
+
+
+def _kalthoff_closing(result: experiments.KalthoffResult) -> list[str]:
+    return [*_free_closing(result), f"angle to the notch {result.angle_degrees:.1f} degrees"]
+
+
+def _branching_closing(result: experiments.BranchingResult) -> list[str]:
+    lines = _free_closing(result)
+    if np.isfinite(result.before_over_rayleigh):
+        lines[-1] += f", at {result.before_over_rayleigh:.3f} of the Rayleigh speed before"
+    return lines
+
+
+def _free_experiment(
+    kind: type[FreeCrack],
+    function: Callable[..., Result],
+    closing: Callable[[Any], list[str]] = _free_closing,
+) -> None:
+    experiment(kind.name, kind.title, kind, function, FREE_CRACK_FILES, _free_progress, closing)
+
+
+_free_experiment(experiments.Kalthoff, experiments.kalthoff, _kalthoff_closing)
+_free_experiment(experiments.Branching, experiments.branching, _branching_closing)
 
 
 @app.command()

@@ -1,8 +1,10 @@
 """Published experiments as functions, each also a command `warpdem run NAME`."""
 
+from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
 from .envelope import Envelope, strength_envelope
 from .impact import Impact, ImpactResult, impact
+from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
@@ -13,12 +15,16 @@ from .specimen import Compression, Confined, Specimen, Tension, compression, con
 from .spring_slider import SpringSlider, SpringSliderResult, spring_slider
 
 __all__ = [
+    "Branching",
+    "BranchingResult",
     "Brazilian",
     "Compression",
     "Confined",
     "Envelope",
     "Impact",
     "ImpactResult",
+    "Kalthoff",
+    "KalthoffResult",
     "ModeI",
     "ModeII",
     "ModeIIResult",
@@ -32,10 +38,12 @@ __all__ = [
     "SpringSlider",
     "SpringSliderResult",
     "Tension",
+    "branching",
     "brazilian",
     "compression",
     "confined",
     "impact",
+    "kalthoff",
     "material_strength",
     "mode_i",
     "mode_ii",

@@ -241,6 +241,23 @@ class Packing:
             sides={name: mask[~gone] for name, mask in sides.items()},
         )
 
+    def slit(self, start: ArrayLike, end: ArrayLike, depth: ArrayLike | None = None) -> "Packing":
+        """The packing without the bonds across a segment [m] (see `crossing`): a machined slot.
+
+        Its faces are free surface that slides and closes without resistance, where those of
+        `Scene.cut` resist closing.
+        """
+        kept = np.ones(len(self.bonds), dtype=bool)
+        kept[self.crossing(start, end, depth)] = False
+        if kept.all():
+            raise InputError(f"no bond crosses the segment from {start!r} to {end!r}.")
+        return replace(
+            self,
+            bonds=self.bonds[kept],
+            area=None if self.area is None else self.area[kept],
+            arms=None if self.arms is None else self.arms[kept],
+        )
+
     def save(self, path: str | Path) -> None:
         """Write everything into an NPZ file, whole or not at all; wd.packing.load reads it."""
         from .file import save
