@@ -33,8 +33,10 @@ ALLOWED = {
     "checkpoint": {"archive", "errors", "model", "wall"},
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},
+    "patch": {"model", "passes"},
     "step": {
-        *("errors", "friction", "kernels", "model", "neighbours", "passes", "relinking", "wall"),
+        *("errors", "friction", "kernels", "model", "neighbours", "passes", "patch", "relinking"),
+        "wall",
     },
     "stability": {"errors", "model", "step"},
     "guard": {"errors", "model", "step"},
@@ -51,7 +53,7 @@ ALLOWED = {
     "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
-        *("bond", "checkpoint", "friction", "toughness"),
+        *("bond", "checkpoint", "contact", "friction", "moduli", "toughness", "wall"),
     },
     "calibration": {"errors", "criteria", "experiments", "toughness"},
     "validation": {

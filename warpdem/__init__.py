@@ -1,12 +1,13 @@
 """warpdem: fracture of solids made of bonded elements, on NVIDIA Warp."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
 from .checkpoint import Checkpoint
-from .contact import Contact
+from .contact import Contact, touching_radius
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -40,6 +41,7 @@ from .observe import (
     FragmentTracker,
     PlaneProbe,
     Probe,
+    Series,
     Snapshot,
     StressStrain,
     When,
@@ -60,9 +62,11 @@ if TYPE_CHECKING:
     from .sweeps import sweep
     from .write.field import draw_field
     from .write.fragment import write_fragments
+    from .write.gsd import GsdWriter
     from .write.log import BreakLog
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
+    from .write.vtk import VtkWriter
 
 __version__ = "0.1.0"
 
@@ -82,6 +86,7 @@ __all__ = [
     "EVMBond",
     "FracturePlane",
     "FragmentTracker",
+    "GsdWriter",
     "Healing",
     "HuberMisesHencky",
     "Incubation",
@@ -110,6 +115,7 @@ __all__ = [
     "RateAndState",
     "Rectangle",
     "Scene",
+    "Series",
     "Servo",
     "Simulation",
     "Snapshot",
@@ -126,6 +132,7 @@ __all__ = [
     "UsdWriter",
     "Voce",
     "VonMises",
+    "VtkWriter",
     "Wall",
     "When",
     "calibrate",
@@ -141,35 +148,26 @@ __all__ = [
     "periodic_moduli",
     "resume",
     "sweep",
+    "touching_radius",
     "wall",
     "write_fragments",
 ]
 
 
+# these load USD, matplotlib and the like, which takes a second, only where they are asked for
+LATE = {
+    "BreakLog": ".write.log",
+    "GsdWriter": ".write.gsd",
+    "UsdWriter": ".write.usd",
+    "VtkWriter": ".write.vtk",
+    "draw_field": ".write.field",
+    "draw_structure": ".write.structure",
+    "sweep": ".cli",  # where experiments are made known
+    "write_fragments": ".write.fragment",
+}
+
+
 def __getattr__(name: str) -> object:
-    # these load USD and matplotlib, which takes a second, only where they are asked for
-    if name == "UsdWriter":
-        from .write.usd import UsdWriter
-
-        return UsdWriter
-    if name == "BreakLog":
-        from .write.log import BreakLog
-
-        return BreakLog
-    if name == "draw_field":
-        from .write.field import draw_field
-
-        return draw_field
-    if name == "write_fragments":
-        from .write.fragment import write_fragments
-
-        return write_fragments
-    if name == "draw_structure":
-        from .write.structure import draw_structure
-
-        return draw_structure
-    if name == "sweep":
-        from . import cli  # where experiments are made known
-
-        return cli.sweep
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in LATE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(LATE[name], __name__), name)

@@ -139,11 +139,10 @@ def restore(sim: Simulation, header: dict[str, Any], arrays: dict[str, NDArray])
         sim._adopt(model, state_arrays(model, sim.scene, linked))
     step = sim._step
     parts = _parts(sim)
-    if step.neighbours is not None:
-        capacity = dict(_pairs(header["parts"]["neighbours"]))["capacity"]
-        step.neighbours.reserve(capacity)
-        step._bind_contact()
     saved = {n.removeprefix(STATE): a for n, a in arrays.items() if n.startswith(STATE)}
+    if step.neighbours is not None:
+        step.neighbours.reserve(saved)
+        step._bind_contact()
     missing = sorted(step.arrays.keys() - saved.keys() - set(step.addresses))
     if missing:
         raise InputError(f"the checkpoint lacks {', '.join(missing)}; another warpdem wrote it.")
@@ -151,6 +150,8 @@ def restore(sim: Simulation, header: dict[str, Any], arrays: dict[str, NDArray])
         step.restore(name, value, tuple(header["shapes"].get(name, value.shape)))
     for name, part in parts.items():
         retell(part, header["parts"][name], arrays)
+    if step.neighbours is not None:
+        step.neighbours.reshape()
     _check_histories(step, saved)
     sim._awaited = [(name, data, arrays) for name, data in header["observers"]]
 

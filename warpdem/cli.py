@@ -24,11 +24,14 @@ from .checkpoint import Checkpoint
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
 from .experiments import ModeIIResult, ModeIResult, Result
 from .experiments.described import EXPERIMENTS, Experiment, read_given, write_given
+from .experiments.free_crack import FILES as FREE_CRACK_FILES
+from .experiments.free_crack import FreeCrack, FreeCrackResult
 from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
 from .experiments.shared import CHECKPOINT, start_record
+from .experiments.trial import Stage, Trial
 from .observe import CrackTracker
 from .simulation import GUARD_EVERY, Observer, Simulation
 from .sweeps import ENGINES, PARENT, Run, Sweep, sweep
@@ -386,6 +389,75 @@ for _parameters, _function in (
         _load_progress,
         _rock_closing,
     )
+
+
+def _time_progress(_: Trial, stage: Stage) -> Observer:
+    scale, unit = unit_of(stage.until)
+
+    def done() -> tuple[float, str]:
+        now = stage.series.now
+        return now, f"{now * scale:.4g}"
+
+    return Advance("time", f"{stage.until * scale:.4g} {unit[:-1]}s", stage.until, done)
+
+
+for _trial, _make in (
+    (experiments.SlidingBlock, experiments.sliding_block),
+    (experiments.SpringSlider, experiments.spring_slider),
+    (experiments.Impact, experiments.impact),
+):
+    experiment(
+        _trial.name,
+        _trial.title.lower(),
+        _trial,
+        _make,
+        _trial.files,
+        _time_progress,
+        lambda result: result.told,
+    )
+
+
+def _free_progress(p: FreeCrack, crack: CrackTracker) -> Observer:
+    def done() -> tuple[float, str]:
+        return crack.time, f"{crack.time * 1e6:.3g}"
+
+    return Advance("time", f"{p.duration * 1e6:.3g} µs", p.duration, done)
+
+
+def _free_closing(result: FreeCrackResult) -> list[str]:
+    if not np.isfinite(result.start_time):
+        return ["no crack started at the notch"]
+    lines = [
+        f"crack at the notch: start {result.start_time * 1e6:.3g} µs, length "
+        f"{result.crack_length * 1e3:.3g} mm, median speed {result.median_over_rayleigh:.3f} of "
+        f"the Rayleigh speed {result.rayleigh_speed:.0f} m/s"
+    ]
+    if np.isfinite(result.branching_time):
+        lines.append(f"branching at {result.branching_time * 1e6:.3g} µs")
+    return lines
+
+
+def _kalthoff_closing(result: experiments.KalthoffResult) -> list[str]:
+    return [*_free_closing(result), f"angle to the notch {result.angle_degrees:.1f} degrees"]
+
+
+def _branching_closing(result: experiments.BranchingResult) -> list[str]:
+    lines = _free_closing(result)
+    if np.isfinite(result.before_over_rayleigh):
+        lines[-1] += f", at {result.before_over_rayleigh:.3f} of the Rayleigh speed before"
+    return lines
+
+
+def _free_experiment(
+    kind: type[FreeCrack],
+    function: Callable[..., Result],
+    closing: Callable[[Any], list[str]] = _free_closing,
+) -> None:
+    experiment(kind.name, kind.title, kind, function, FREE_CRACK_FILES, _free_progress, closing)
+
+
+_free_experiment(experiments.Kalthoff, experiments.kalthoff, _kalthoff_closing)
+_free_experiment(experiments.Branching, experiments.branching, _branching_closing)
 
 
 @app.command()

@@ -19,6 +19,7 @@ from .errors import (
     InputError,
     ModelWarning,
     TooFastError,
+    checked,
     finite,
     first_ids,
     one_of,
@@ -94,6 +95,7 @@ class Simulation:
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
     """
 
+    @checked
     def __init__(
         self,
         scene: Scene,
@@ -162,6 +164,7 @@ class Simulation:
         self._renewals: list[tuple] = []
         self._renewed: dict[str, Any] = {}  # faces that the model has instead of the scene's
         self._told_of_faces = False
+        self._told_of_speed = False
         self._adopt(self.model, state_arrays(self.model, scene))
         self._check_speed(InputError)
         self._step.evaluate_forces()
@@ -200,6 +203,7 @@ class Simulation:
         self._observers.append(observer)
         return observer
 
+    @checked
     def run(
         self,
         *,
@@ -275,6 +279,7 @@ class Simulation:
         self._step.synchronise()
         save(self, Checkpoint(path).path)
 
+    @checked
     def relax(
         self, tolerance: float | None = None, max_steps: int = 100_000, tell: Telling | None = None
     ) -> float:
@@ -295,6 +300,7 @@ class Simulation:
         finally:
             self._start_anew()
 
+    @checked
     def equilibrate(
         self,
         tolerance: float = 1e-8,
@@ -317,6 +323,7 @@ class Simulation:
         finally:
             self._start_anew()
 
+    @checked
     def natural_frequencies(self, count: int = 6) -> Array:
         """Lowest angular frequencies [rad/s] of small motions about the current state, (count,).
 
@@ -606,10 +613,18 @@ class Simulation:
         """Pairs of elements that touch now without a bond, (c, 2), the lower id first."""
         if self._step.neighbours is None or self.model.contact_radius is None:
             return np.zeros((0, 2), dtype=np.int64)
-        i, j = self._step.neighbours.pairs().astype(np.int64).T
-        x, radius = self.position, self.model.contact_radius
-        near = np.linalg.norm(x[j] - x[i], axis=1) < radius[i] + radius[j]
-        return np.stack([i, j], axis=1)[near]
+        pairs = self._step.neighbours.pairs().astype(np.int64)
+        return pairs[self._apart(pairs) < self.model.contact_radius[pairs].sum(axis=1)]
+
+    def _apart(self, pairs: NDArray[np.int64]) -> Array:
+        """Distances [m] of pairs of elements, in a periodic box of their nearest images."""
+        i, j = pairs.T
+        d = self.position[j] - self.position[i]
+        if self.model.contact_period is not None:
+            strain = self._step.box_strains[0]
+            edges = (np.eye(len(strain)) + strain) * self.model.contact_period
+            d -= np.rint(d @ np.linalg.inv(edges).T) @ edges.T
+        return np.linalg.norm(d, axis=1)
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
@@ -821,7 +836,7 @@ class Simulation:
                     f"at step {self._step.count} faces were not renewed, and the old ones stay "
                     f"until they can be: {why}",
                     ModelWarning,
-                    stacklevel=3,
+                    stacklevel=4,
                 )
 
     def _refuse_contact(self, what: str) -> None:
@@ -850,7 +865,7 @@ class Simulation:
                 f"the shortest time of relaxation, {least:.3g} s, is below the time step "
                 f"{self.dt:.3g} s; its branch acts as a viscosity of half a step's time instead.",
                 ModelWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def _ids(self) -> NDArray[np.int64]:
@@ -925,10 +940,8 @@ class Simulation:
             return
         assert m.contact_radius is not None and m.contact_compliance is not None
         assert m.contact_elements is not None
-        i, j = self.contacts.T
-        radius, x = m.contact_radius, self.position
-        both = radius[i] + radius[j]
-        share = [1.0 - np.linalg.norm(x[j] - x[i], axis=1) / both]
+        radius, pairs = m.contact_radius, self.contacts
+        share = [1.0 - self._apart(pairs) / radius[pairs].sum(axis=1)]
         if m.walls:  # by the force of each on each element
             own = m.contact_elements
             force = np.linalg.norm(self._step.download("wall_reaction"), axis=2)
@@ -942,25 +955,56 @@ class Simulation:
                 f"time step is known to be stable up to {HERTZ_OVERLAP:g}. Take a smaller dt, or "
                 "law='linear'.",
                 ModelWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def _check_speed(self, error: type[Exception]) -> None:
-        """Refuse elements that would pass through others within a step."""
+        """Refuse elements that would pass through others, or through a wall, within a step."""
         m = self.model
         if m.contact_elements is None or m.contact_radius is None:
             return
         own = m.contact_elements
         v = self._step.download("velocity").astype(np.float64)[own]
-        mean = np.average(v, axis=0, weights=m.mass[own])
-        least = float(m.contact_radius[own].min())
-        far = np.linalg.norm(v - mean, axis=1) * self.dt
+        speed = v - np.average(v, axis=0, weights=m.mass[own])
+        self._refuse_fast(speed, "others", error)
+        self._tell_of_speed(speed)
+        x = m.position[own] + self._step.download("displacement")[own]
+        for row, wall in enumerate(m.walls):
+            by_wall = wall.motion(x, self.time, self.dt, self._step.wall_way[row]) / self.dt
+            self._refuse_fast(v - by_wall, f"wall {row}", error)
+
+    def _tell_of_speed(self, speed: Array) -> None:
+        """Warn, once, of elements faster than waves, which contact may be too soft to stop."""
+        m = self.model
+        if self._told_of_speed or m.contact_elements is None:
+            return
+        bodies = self.scene.bodies
+        wave = np.concatenate([np.sqrt(b.pressure_modulus / b.density) for b in bodies])
+        share = np.linalg.norm(speed, axis=1) / wave[m.contact_elements]
+        if share.max() > 1.0:
+            self._told_of_speed = True
+            fast = np.zeros(m.elements, dtype=bool)
+            fast[m.contact_elements] = share > 1.0
+            warnings.warn(
+                f"elements {first_ids(fast)} move at up to {share.max():.3g} times the speed of "
+                "waves in them; the springs of contact may be too soft to stop them, so that they "
+                "pass through others.",
+                ModelWarning,
+                stacklevel=4,
+            )
+
+    def _refuse_fast(self, speed: Array, what: str, error: type[Exception]) -> None:
+        """Refuse elements that move against something by more than half the least radius."""
+        m = self.model
+        assert m.contact_elements is not None and m.contact_radius is not None
+        least = float(m.contact_radius[m.contact_elements].min())
+        far = np.linalg.norm(speed, axis=1) * self.dt
         if far.max() > 0.5 * least:
             fast = np.zeros(m.elements, dtype=bool)
-            fast[own] = far > 0.5 * least
+            fast[m.contact_elements] = far > 0.5 * least
             raise error(
                 f"elements {first_ids(fast)} move by up to {far.max():.3g} m in a step, more than "
-                f"half the least radius, {least:.3g} m, and would pass through others; take dt "
+                f"half the least radius, {least:.3g} m, and would pass through {what}; take dt "
                 f"below {0.5 * least / far.max() * self.dt:.3g} s."
             )
 

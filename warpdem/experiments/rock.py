@@ -9,11 +9,10 @@ from __future__ import annotations
 import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import asin, degrees, inf, isfinite, nan
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypedDict
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +24,20 @@ from ..material import Material
 from ..observe import FracturePlane, StressStrain, When, fracture_plane
 from ..packing import Mask, Packing
 from ..scene import Body, Scene
-from ..simulation import Observer, Simulation
+from ..simulation import Simulation
 from ..write.whole import folder, write_csv
 from .material_point import material_strength
-from .shared import UNITS, Result, Say, build, foreseen, run_numbers, silent, write_record
+from .shared import (
+    UNITS,
+    Observers,
+    Result,
+    Say,
+    build,
+    foreseen,
+    run_numbers,
+    silent,
+    write_record,
+)
 
 PLANES = ("stress", "strain", "space")
 PACKINGS = ("voronoi", "hexagonal", "fcc")
@@ -176,9 +185,6 @@ class Rig:
         )
 
 
-Observers = Callable[[Simulation, Rig], list[Observer]]
-
-
 @dataclass
 class RockResult(Result):
     """What came out of a test. Stresses in Pa, positive in the direction of the load.
@@ -229,19 +235,6 @@ class RockResult(Result):
         return total
 
 
-class Options(TypedDict, total=False):
-    """What every test takes beside its parameters; see `rock_test`."""
-
-    device: str
-    precision: str
-    threads: int
-    out: str | Path | None
-    observers: Observers | None
-    say: Say
-    frames: int
-    checkpoint: Checkpoint | None
-
-
 def rock_test(
     p: Rock,
     *,
@@ -270,7 +263,9 @@ def rock_test(
     guard(rig.body, rig.low | rig.high, rig.guarded)
     if isfinite(p.weibull):
         rig.scene.scatter_strength(rig.body, p.weibull, p.seed)
-    sim = build(rig.scene, device, precision, say, rig.size, p.damping, threads, checkpoint)
+    sim = build(
+        rig.scene, device, precision, say, rig.size, p.damping, threads, checkpoint=checkpoint
+    )
     history = rig.history
     sim.observe(history)
     sim.observe(_Rolling())

@@ -6,19 +6,21 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict
 
 from .. import criteria
 from ..checkpoint import Checkpoint
 from ..criteria import Criterion
 from ..errors import InputError, one_of
 from ..scene import Scene
-from ..simulation import Simulation, resume
+from ..simulation import Observer, Simulation, resume
 from ..write.record import describe_machine
 from ..write.whole import write_json
 
 Say = Callable[[str], None]
 CHECKPOINT = "checkpoint.npz"  # in the folder of a run, while it is not complete
+# makes further observers of a run, of the simulation and what the experiment measures
+Observers = Callable[[Simulation, Any], list[Observer]]
 # of the log of broken bonds
 UNITS = {
     "time": "s",
@@ -29,6 +31,19 @@ UNITS = {
     "shear_stress": "Pa",
     "released_energy": "J",
 }
+
+
+class Options(TypedDict, total=False):
+    """What experiments take beside their parameters; see `rock.rock_test`, `trial.run_trial`."""
+
+    device: str
+    precision: str
+    threads: int
+    out: str | Path | None
+    observers: Observers | None
+    say: Say
+    frames: int
+    checkpoint: Checkpoint | None
 
 
 def silent(line: str) -> None:
@@ -83,6 +98,7 @@ def build(
     size: str,
     local_damping: float = 0.0,
     threads: int = 1,
+    dt: float | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Simulation:
     """The simulation of a scene, which goes on from the checkpoint's file if there is one; tells
@@ -91,9 +107,7 @@ def build(
     if checkpoint is not None and checkpoint.path.exists():
         sim = resume(checkpoint.path, scene, device=device, threads=threads)
     else:
-        sim = Simulation(
-            scene, device=device, precision=precision, local_damping=local_damping, threads=threads
-        )
+        sim = Simulation(scene, device, precision, dt, local_damping=local_damping, threads=threads)
     if checkpoint is not None:
         sim.observe(checkpoint)
     say(
@@ -101,8 +115,8 @@ def build(
         f"{sim.bytes / 1e6:.0f} MB; {size}"
     )
     say(
-        f"dt {sim.dt:.4g} s, 0.8 of the stability limit {sim.dt_limit:.4g} s found by iteration "
-        f"(rigorous bound {sim.dt_bound:.4g} s)"
+        f"dt {sim.dt:.4g} s, {sim.dt / sim.dt_limit:.2g} of the stability limit "
+        f"{sim.dt_limit:.4g} s found by iteration (rigorous bound {sim.dt_bound:.4g} s)"
     )
     return sim
 
