@@ -24,6 +24,7 @@ ROOM = 1.3  # of the list's memory over what it needs when it is made
 SPARE = 4  # neighbours that a row may have more of than in the last list, before it is sought twice
 FARTHEST = 1e8  # places over the size of a cell that the grid can count
 MOST = {2: 1024, 3: 128}  # cells along an axis; they wrap round
+WELDS = "welded", "pressed", "worked"  # what a pair that may weld knows of itself
 PER_ROW = 4  # cells for an element at most
 
 
@@ -53,6 +54,7 @@ class Neighbours:
         self._has_friction = model.rubs
         self._ages = model.ages
         self._has_restitution = model.contact.restitution < 1.0
+        self._welds = model.contact.welding is not None
         self._has_parting = model.listed_bonds is not None
         self._is_periodic = model.contact_period is not None
         self._is_strained = self._is_periodic and model.strain_history is not None
@@ -129,7 +131,7 @@ class Neighbours:
             wp.launch(law, dim=a["listed_bonds"].size, inputs=inputs, device=self._device)
         old = {
             name: wp.clone(a["contact_" + name])
-            for name in ("start", "neighbour", "debt", "spring", "theta")
+            for name in ("start", "neighbour", "debt", "spring", "theta", *WELDS)
             if "contact_" + name in a
         }
         self._find()
@@ -142,11 +144,13 @@ class Neighbours:
         inputs += [a["found_start"], a["found"], a["contact_start"], a["contact_neighbour"]]
         inputs += [a["contact_reference"], a.get("contact_image"), self._period, self._to_shares]
         self._launch(list_neighbours(k, self._is_periodic), inputs)
-        law = carry_over(self._s, self._has_friction, self._has_restitution, self._ages)
+        carries = self._has_friction, self._has_restitution, self._ages, self._welds
+        law = carry_over(self._s, *carries)
         inputs = [a["contact_start"], a["contact_neighbour"]]
-        inputs += [old["start"], old["neighbour"], old["debt"], old.get("spring"), old.get("theta")]
+        inputs += [old.get(x) for x in ("start", "neighbour", "debt", "spring", "theta", *WELDS)]
         inputs += [a["contact_debt"], a["contact_impulse"]]
         inputs += [a.get("contact_opened"), a.get("contact_spring"), a.get("contact_theta")]
+        inputs += [*(a.get("contact_" + x) for x in WELDS), a.get("weld_event")]
         self._launch(law, inputs)
         if self._has_parting:
             self._hand_over()
@@ -232,6 +236,16 @@ class Neighbours:
         pairs = np.stack([own, neighbour], axis=1)[own < neighbour]
         return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
+    def entries(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Of the list's entries at which a mask is set those of the lower ids, and the pairs."""
+        start = self._arrays["contact_start"].numpy()
+        at = np.flatnonzero(mask[: start[-1]])
+        assert self._model.contact_elements is not None
+        own = self._model.contact_elements[np.searchsorted(start, at, side="right") - 1]
+        pairs = np.stack([own, self._arrays["contact_neighbour"].numpy()[at]], axis=1)
+        lower = pairs[:, 0] < pairs[:, 1]
+        return at[lower], pairs[lower].astype(np.int64)
+
     def _grow(self, capacity: int) -> None:
         self.capacity = capacity
         dim, most = self._model.features.dim, max(capacity, 1)
@@ -247,6 +261,13 @@ class Neighbours:
             self._new("contact_theta", most, wp.float64)
         if self._has_restitution:
             self._new("contact_opened", most, wp.int32)
+        if self._welds:
+            for name in ("contact_welded", "weld_event"):
+                self._new(name, most, wp.int32)
+            for name in ("contact_pressed", "contact_worked"):
+                self._new(name, most, self._s.real)
+            for name in ("weld_normal", "weld_shear", "weld_released"):
+                self._new(name, most, self._s.real)
 
     def _new(self, name: str, size: int, dtype: type) -> None:
         self._arrays[name] = wp.zeros(size, dtype=dtype, device=self._device)
