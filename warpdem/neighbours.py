@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from .errors import Array, InputError, NonFiniteError, first_ids
 from .kernels.algebra import Laws
-from .kernels.contact import hand_over
 from .kernels.neighbours import (
     carry_over,
     find_neighbours,
+    hand_over,
     list_neighbours,
     part_pairs,
     place_elements,
@@ -153,21 +153,11 @@ class Neighbours:
         inputs += [*(a.get("contact_" + x) for x in WELDS), a.get("weld_event")]
         self._launch(law, inputs)
         if self._has_parting:
-            self._hand_over()
+            names = "bonded_start", "bonded", "bonded_listed", "closing_gap", "closing_debt"
+            inputs = [a["contact_start"], a["contact_neighbour"], *(a[x] for x in names)]
+            self._launch(hand_over(self._s), [*inputs, a["contact_debt"]])
         self.builds += 1
         return grows
-
-    def _hand_over(self) -> None:
-        """Give pairs that have parted just now their debts."""
-        a, contact = self._arrays, self._model.contact
-        assert contact is not None
-        own = "elements", "start", "neighbour", "reference", "image", "radius", "width"
-        inputs: list[Any] = [a.get("contact_" + x) for x in (*own, "compliance")]
-        names = "bonded_start", "bonded", "bonded_listed", "bond_j", "listed_bonds"
-        inputs += [a[x] for x in names]
-        inputs += [a.get("contact_box"), a["displacement"], a["closing_gap"], a["closing_debt"]]
-        law = hand_over(self._s, self._k, contact.is_hertz, self._is_periodic)
-        self._launch(law, [*inputs, a["contact_debt"], self._model.own_elements])
 
     def _find(self) -> None:
         """Note the neighbours of each element; a second time, with more room, where some have many

@@ -983,7 +983,6 @@ class Step:
         return self._over_listed(
             facet_closing(s, k, f.faces, m.faces_rub, ages, self._touch_law),
             evm_closing(s, k, f.faces.has_slip),
-            own_elements=m.own_elements,
             slack=self._slack,
             friction=friction,
             dt=dt,
@@ -1030,7 +1029,6 @@ class Step:
                 s, k, m.features.faces, m.faces_rub, self._touch_law, self._simd
             ),
             evm_closing_energies(s, k, m.features.faces.has_slip, self._simd),
-            own_elements=m.own_elements,
         )
 
     def _move(

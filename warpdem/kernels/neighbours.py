@@ -407,3 +407,33 @@ def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool, w
                     contact_worked[e] = old_worked[at]
 
     return kernel(carry_over, simd=False)
+
+
+@cache
+def hand_over(s: Laws):
+    """Pass over elements that may touch: pairs that have just parted owe what they owed as faces.
+
+    Nothing else changes: turned faces are spheres already, and those out of reach do not touch.
+    """
+    real = s.real
+
+    def hand_over(
+        contact_start: wp.array(dtype=int),
+        contact_neighbour: wp.array(dtype=int),
+        bonded_start: wp.array(dtype=int),
+        bonded: wp.array(dtype=int),
+        bonded_listed: wp.array(dtype=int),
+        closing_gap: wp.array(dtype=real),
+        closing_debt: wp.array(dtype=real),
+        # written
+        contact_debt: wp.array(dtype=real),
+    ):
+        t = wp.tid()
+        for n in range(bonded_start[t], bonded_start[t + 1]):
+            listed = wp.max(bonded_listed[n], 0)
+            if bonded_listed[n] >= 0 and closing_gap[listed] == real(PARTED):
+                for e in range(contact_start[t], contact_start[t + 1]):
+                    if contact_neighbour[e] == bonded[n]:
+                        contact_debt[e] = closing_debt[listed]
+
+    return kernel(hand_over, simd=False)
