@@ -1091,7 +1091,6 @@ class Step:
             evm_closing_energies(s, k, m.features.faces.has_slip, near, self._simd),
             near=near,
             rows=self.arrays["patch_rows"] if near else None,
-            own_elements=m.own_elements,
         )
 
     def _move(
