@@ -232,9 +232,20 @@ class Step:
         assert self.neighbours is not None
         if self.model.walls:
             self._pose_walls(moves)
+        builds = self.neighbours.builds
         if self.neighbours.refresh():
             self._bind_contact()
+        if self.neighbours.builds != builds:
+            self._clear_contact()
         (self._contact if moves else self._contact_still).launch()
+
+    def _clear_contact(self) -> None:
+        """Nothing touches but what a new list will tell."""
+        slots = self.model.features.slots
+        for name in ("end_force", "end_torque"):
+            array = self.arrays[name]
+            array[array.size // slots * (slots - 1) :].zero_()  # the last slot is theirs
+        self.arrays["contact_moment"].zero_()
 
     def _pose_walls(self, moves: bool) -> None:
         """Poses of walls at this instant, or at the end of a step and how they came there."""
@@ -535,7 +546,7 @@ class Step:
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
         is_hertz = m.contact.is_hertz
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz)
+        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, walls > 0)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         mu, both = coulomb(m.contact.friction), []
         for dt in (self.dt, 0.0):
@@ -752,6 +763,7 @@ class Step:
         for group in m.criteria:
             time, exponent = group.rate
             given: dict[str, Any] = {"time": time, "exponent": exponent, "dt": self.dt}
+            given |= {f"number_{n + 1}": x for n, x in enumerate(group.numbers)}
             given |= {"numbers": four(*group.numbers), "first": group.first}
             given["listed"] = self.arrays["listed_bonds"]
             assert m.listed_bonds is not None
