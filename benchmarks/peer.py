@@ -13,7 +13,6 @@ import re
 import subprocess
 import tempfile
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import warpdem as wd
-from warpdem.write.record import describe_machine
+from warpdem.benchmark import timing
+from warpdem.benchmark.timing import spread  # noqa: F401  scripts ask for it here
 
 Array = NDArray[np.float64]
 RADIUS, DT = 0.5, 0.05
@@ -239,22 +239,5 @@ def write_data(bodies: Bodies, path: Path, room: float) -> None:
 
 
 def about(lammps: Lammps | None = None) -> dict[str, Any]:
-    """Machine, date, and how busy the machine is with other things."""
-    info = Path("/proc/cpuinfo")
-    model = re.search(r"model name\s*:\s*(.+)", info.read_text()) if info.exists() else None
-    told: dict[str, Any] = dict(describe_machine())
-    told["processor"] = model[1] if model else "unknown"
-    told["cores"] = os.cpu_count()
-    told["load"] = list(os.getloadavg()) if hasattr(os, "getloadavg") else []
-    if lammps is not None:
-        told["lammps"] = lammps.version
-    return told | {"date": date.today().isoformat()}
-
-
-def spread(values: list[float]) -> dict[str, float]:
-    """Median, least and greatest."""
-    return {
-        "median": float(np.median(values)),
-        "least": float(min(values)),
-        "greatest": float(max(values)),
-    }
+    """Machine, date, load, and the version of LAMMPS."""
+    return timing.about() | ({} if lammps is None else {"lammps": lammps.version})

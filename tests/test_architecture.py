@@ -30,7 +30,7 @@ ALLOWED = {
     },
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},
-    "step": {"friction", "kernels", "model", "neighbours", "passes", "relinking", "wall"},
+    "step": {"errors", "friction", "kernels", "model", "neighbours", "passes", "relinking", "wall"},
     "stability": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
@@ -54,7 +54,14 @@ ALLOWED = {
         *("friction", "relinking", "viscoelasticity", "wall"),
     },
     "sweeps": {"errors", "experiments", "write"},
-    "cli": {"errors", "experiments", "observe", "simulation", "sweeps", "validation", "write"},
+    "benchmark": {
+        *("errors", "bond", "criteria", "experiments", "material", "packing", "plasticity"),
+        *("scene", "section", "simulation", "validation", "write"),
+    },
+    "cli": {
+        *("benchmark", "errors", "experiments", "observe", "simulation", "sweeps", "validation"),
+        "write",
+    },
     "__main__": {"cli"},
 }
 

@@ -51,17 +51,19 @@ def test_a_team_ends_with_its_simulation():
     import threading
     import time
 
-    before = threading.active_count()
+    # not by their number, as those of other tests may be about to end
+    before = set(threading.enumerate())
     sim = breaking_plate(2)
     sim.run(steps=3)
-    assert threading.active_count() == before + 1
+    own = set(threading.enumerate()) - before
+    assert len(own) == 1
     del sim
     gc.collect()
     for _ in range(200):
-        if threading.active_count() == before:
+        if not any(t.is_alive() for t in own):
             break
         time.sleep(0.01)
-    assert threading.active_count() == before
+    assert not any(t.is_alive() for t in own)
 
 
 @pytest.mark.parametrize("threads", [0, 10_000])

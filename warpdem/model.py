@@ -193,7 +193,7 @@ class Model:
     healing_stiffness: Array | None = None  # of the listed facet bonds: k, linked again
     healing_weight: Array | None = None  # likewise w
     healing_strength: Array | None = None  # of the listed bonds
-    near_bonds: Ids | None = None  # all bonds of the listed elements
+    near_bonds: Ids | None = None  # all bonds of the listed elements, unless these are all
     near_elements: Ids | None = None  # all elements of the near bonds
     near_facets: int = 0  # near bonds that are facet bonds, stored first
     yielding: tuple[Yielding, ...] = ()
@@ -1434,10 +1434,12 @@ def _add_lists(
             model.softening_end = np.concatenate(ends)
     if groups or healing:
         near = np.unique(model.incidence[:, model.listed_elements] >> 1)
-        model.near_bonds = near[near < model.bonds].astype(np.int32)
-        model.near_facets = int((model.near_bonds < model.facet_bonds).sum())
-        both = np.stack([model.bond_i, model.bond_j])[:, model.near_bonds]
-        model.near_elements = np.unique(both).astype(np.int32)
+        near = near[near < model.bonds]
+        elements = np.unique(np.stack([model.bond_i, model.bond_j])[:, near])
+        if len(near) < model.bonds or len(elements) < model.elements:
+            model.near_bonds = near.astype(np.int32)
+            model.near_facets = int((near < model.facet_bonds).sum())
+            model.near_elements = elements.astype(np.int32)
 
 
 def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:

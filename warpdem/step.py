@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .errors import InputError
 from .friction import coulomb
 from .kernels.algebra import space
 from .kernels.box import strain_box
@@ -122,6 +125,91 @@ PRECISIONS = {
 }
 
 
+def free_memory(device: str) -> int | None:
+    """Memory that a device has left [B], or None where the system does not tell."""
+    found = wp.get_device(device)
+    if not found.is_cpu:
+        return int(found.free_memory)
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+    except OSError:
+        return None
+    told = {name: value.split() for name, _, value in (x.partition(":") for x in lines)}
+    return 1024 * int(told["MemAvailable"][0]) if "MemAvailable" in told else None
+
+
+class Arrays(dict[str, wp.array]):
+    """Arrays on a device by name; one that `waits` is put there when it is first asked for.
+
+    real, place: types of the arithmetic of forces and of places.
+    """
+
+    def __init__(self, real: type, place: type, device: str) -> None:
+        super().__init__()
+        self._real, self._place, self._device = real, place, device
+        self.waits: dict[str, NDArray] = {}
+        self.shapes: dict[str, tuple[int, ...]] = {}
+
+    def __missing__(self, name: str) -> wp.array:
+        self.put(name, self.waits.pop(name))
+        return self[name]
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or name in self.waits
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The array, or `default` if there is none."""
+        return self[name] if name in self else default  # noqa: SIM401
+
+    def put(self, name: str, value: NDArray) -> None:
+        """Put an array on the device, or overwrite the one that is there."""
+        if name in self.waits:
+            self.waits[name] = value
+        elif name in self:
+            self[name].assign(self.flat(name, value))
+        else:
+            self.shapes[name] = value.shape
+            flat, dtype = self.flat(name, value), self._dtype(name, value)
+            self[name] = wp.array(flat, dtype=dtype, device=self._device)
+
+    def take(self, name: str) -> NDArray:
+        """A copy of an array in its shape."""
+        if name in self.waits:
+            value = self.waits[name]
+            return np.array(self.flat(name, value)).reshape(value.shape)
+        return np.array(self[name].numpy()).reshape(self.shapes[name])
+
+    def flat(self, name: str, value: NDArray) -> NDArray:
+        """A value as it is on the device."""
+        dtype = wp.dtype_to_numpy(self._dtype(name, value))
+        return np.ascontiguousarray(value, dtype=dtype).ravel()
+
+    def _dtype(self, name: str, value: NDArray) -> type:
+        if value.dtype.kind in "iu":
+            return wp.int32
+        if name in SUMS:
+            return wp.float64
+        return self._place if name in PLACES else self._real
+
+    @property
+    def bytes(self) -> int:
+        """Device memory of all arrays [B]."""
+        return sum(a.capacity for a in self.values())
+
+    def check_room(self, elements: int) -> None:
+        """Raise InputError if the device has not the memory for all that waits."""
+        needed = 0
+        for name, value in self.waits.items():
+            needed += value.size * wp.types.type_size_in_bytes(self._dtype(name, value))
+        free = free_memory(self._device)
+        if free is not None and needed > free:
+            raise InputError(
+                f"this scene of {elements} elements needs up to {needed / 1e9:.3g} GB on "
+                f"{self._device!r}, which has {free / 1e9:.3g} GB free: take fewer elements, "
+                "precision='float32', which halves it, or another device."
+            )
+
+
 class Step:
     """A model's arrays on a device and the passes over them.
 
@@ -150,11 +238,10 @@ class Step:
         self.synchronous = True
         self.integrator_released = 0.0
         self.servo_factors: dict[int, float] = {}  # of grips that a servo moves
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self.arrays: dict[str, wp.array] = {}
-        for name, value in (model.arrays() | state).items():
-            if name != "position":  # places are displacements from it
-                self.upload(name, value)
+        self.arrays = Arrays(self.real, self.place, device)
+        self.arrays.waits = model.arrays() | state
+        del self.arrays.waits["position"]  # places are displacements from it
+        self.arrays.check_room(model.elements)
         if model.branch_time is not None:
             self.upload("branch_lost", -np.expm1(-dt / model.branch_time))
         if "retarded_time" in state:
@@ -190,7 +277,7 @@ class Step:
         self.synchronous = False
         self.count += 1
         self.set_factors()
-        if self._settle and self._raised("any_crossed"):
+        if self.model.listed_bonds is not None and self._raised("any_crossed"):
             self._settle.launch()
         if self.neighbours is not None and self._raised("any_touched"):
             self._settle_contact.launch()
@@ -330,10 +417,11 @@ class Step:
         and, so that it can be made again later, unmade with the new ones.
         """
         before = self._near_integrator_energy()
-        self._break.launch()
-        self._log.set_param_by_name("step", self.count)
-        self._log.launch()
-        self._mend.launch()
+        release, log, mend = self._break
+        release.launch()
+        log.set_param_by_name("step", self.count)
+        log.launch()
+        mend.launch()
         self.integrator_released += before - self._near_integrator_energy()
 
     def relink_bonds(self) -> None:
@@ -389,14 +477,19 @@ class Step:
         yz, xz."""
         if self.model.bond_arm is None:
             return np.zeros((self.model.elements, 4 if self.model.features.dim == 2 else 6))
-        if "all_elements" not in self.arrays:
-            self.upload("all_elements", np.arange(self.model.elements, dtype=np.int32))
-            if "stress" not in self.arrays:
-                width = 4 if self.model.features.dim == 2 else 6
-                self.upload("stress", np.zeros((self.model.elements, width)))
-            self._stress_everywhere = self._stress("all_elements")
         self._stress_everywhere.launch()
         return self.download("stress").astype(np.float64)
+
+    @cached_property
+    def _stress_everywhere(self) -> wp.Launch:
+        n, width = self.model.elements, 4 if self.model.features.dim == 2 else 6
+        if "stress" not in self.arrays:
+            self.upload("stress", np.zeros((n, width)))
+        listed = self.model.listed_elements
+        if listed is not None and len(listed) == n:
+            return self._stress("listed_elements")
+        self.upload("all_elements", np.arange(n, dtype=np.int32))
+        return self._stress("all_elements")
 
     def energies(self) -> dict[str, float]:
         """Kinetic, pair, volume, contact energy, what damping took, and the integrator's own
@@ -458,27 +551,24 @@ class Step:
 
     def upload(self, name: str, value: NDArray) -> None:
         """Put an array on the device under its name, or overwrite the one that is there."""
-        if value.dtype.kind in "iu":
-            dtype = wp.int32
-        elif name in SUMS:
-            dtype = wp.float64
-        else:
-            dtype = self.place if name in PLACES else self.real
-        flat = np.ascontiguousarray(value, dtype=wp.dtype_to_numpy(dtype)).ravel()
-        if name in self.arrays:
-            self.arrays[name].assign(flat)
-        else:
-            self._shapes[name] = value.shape
-            self.arrays[name] = wp.array(flat, dtype=dtype, device=self.device)
+        self.arrays.put(name, value)
 
     def download(self, name: str) -> NDArray:
         """A copy of a device array in its shape."""
-        return np.array(self.arrays[name].numpy()).reshape(self._shapes[name])
+        return self.arrays.take(name)
 
     @property
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
-        return sum(a.capacity for a in self.arrays.values())
+        return self.arrays.bytes
+
+    @property
+    def kernels(self) -> list[str]:
+        """Names of the kernels that a step launches, in order."""
+        launches = list(self._finish_and_start.launches)
+        if self.neighbours is not None:
+            launches += self._contact.launches + self._evaluate.launches
+        return [x.kernel.key.split("__")[-1] for x in launches]
 
     # -- passes -----------------------------------------------------------------------------------
 
@@ -489,12 +579,8 @@ class Step:
         flow = self._flow_passes()
         if self.model.element_law is not None:
             forces, flow = self._creep_passes()
-        self._settle: Passes | None = None
-        if self.model.listed_bonds is not None:
-            self._settle = self._bind_settle()
         if self.model.criteria:
             fracture = self._fracture_passes()
-            self._bind_break()
         if self.model.healing:
             fracture += self._bind_healing()
         damping = self._damping_passes()
@@ -714,7 +800,10 @@ class Step:
         assert self.model.flow_elements is not None
         return self.model.flow_elements
 
-    def _bind_settle(self) -> Passes:
+    # what only some steps need is bound, compiled and given memory when the first of them comes
+
+    @cached_property
+    def _settle(self) -> Passes:
         """Passes that pay what closing and opening pairs left over, at synchronous velocities."""
         (s, k), f, half = self._space, self.model.features, 0.5 * self.dt
         impulses = {
@@ -752,13 +841,13 @@ class Step:
             passes.append(self._bind(law, group.count, **given))
         return passes
 
-    def _bind_break(self) -> None:
-        """Passes of a step in which bonds broke."""
+    @cached_property
+    def _break(self) -> tuple[Passes, wp.Launch, Passes]:
+        """Passes of a step in which bonds broke: what that releases, the log, what goes on."""
         (s, _), m, f = self._space, self.model, self.model.features
         listed, half = self.arrays["listed_bonds"], 0.5 * self.dt
-        self.upload("listed_linked_energy", np.zeros(listed.size))
         before = [
-            self._move(half, 0.0, elements="near_elements"),
+            self._move(half, 0.0, elements=self._near),
             *self._pair_energies("listed_bonds", m.facet_listed),
             *self._drop_rest(),
             *self._closing_energies(),
@@ -778,27 +867,28 @@ class Step:
             for law, numbers in laws:
                 numbers["elements"] = m.elements
                 before.append(self._bind(law, elements.size, listed=elements, **numbers))
-        self._break = self._passes(before)
-        self._log = self._bind(
-            log_breaks(s, f.has_volume, m.softens, self._simd),
-            listed.size,
-            listed=listed,
-            linked_energy=self.arrays["listed_linked_energy"],
-            step=0,
-        )
+        law = log_breaks(s, f.has_volume, m.softens, self._simd)
+        log = self._bind(law, listed.size, listed=listed, step=0)
         mend = [*self._unlink(), *self._force_passes(near=True)]
         # stresses after the break are what the next flow starts from
         if m.element_law is not None:
             mend += self._creep_changes
         elif f.has_dilation:
             mend.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
-        self._mend = self._passes([*mend, self._move(-half, 0.0, elements="near_elements")])
-        self._bind_near_energies()
+        mend.append(self._move(-half, 0.0, elements=self._near))
+        return self._passes(before), log, self._passes(mend)
 
-    def _bind_near_energies(self) -> None:
-        if "near_integrator_energy" not in self.arrays:
-            self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
-            self._near_integrator = self._integrator_energies("near_elements")
+    @property
+    def _near(self) -> str | None:
+        """The list of elements near bonds that may break; None: all elements are."""
+        return None if self.model.near_elements is None else "near_elements"
+
+    @cached_property
+    def _near_integrator(self) -> wp.Launch:
+        self._room("integrator_energy", self.model.elements)
+        if self._near is not None:
+            self._room("near_integrator_energy", self.arrays["near_elements"].size)
+        return self._integrator_energies(self._near)
 
     def _bind_healing(self) -> list[wp.Launch]:
         """The test of each law of healing; aside, the passes of a step in which bonds linked."""
@@ -812,7 +902,7 @@ class Step:
             given: dict[str, Any] = {"listed": listed, "first": group.first}
             tests.append(self._bind(heal_bonds(s, k, *kind), group.count, **numbers, **given))
         relink = [
-            self._move(half, 0.0, elements="near_elements"),
+            self._move(half, 0.0, elements=self._near),
             self._bind(link_bonds(s, k, *kind), m.facet_listed, listed=listed),
         ]
         if f.has_volume:
@@ -821,8 +911,7 @@ class Step:
             law_of_faces = join_faces(s, f.slots)
             relink.append(self._bind(law_of_faces, elements.size, listed=elements, **sizes))
         relink += self._force_passes(near=True)
-        self._relink = self._passes([*relink, self._move(-half, 0.0, elements="near_elements")])
-        self._bind_near_energies()
+        self._relink = self._passes([*relink, self._move(-half, 0.0, elements=self._near)])
         return tests
 
     def _drop_rest(self) -> list[wp.Launch]:
@@ -836,10 +925,9 @@ class Step:
     def _bind_energies(self) -> Passes:
         (s, k), m, f = self._space, self.model, self.model.features
         for name in ("kinetic_energy", "integrator_energy"):
-            self.upload(name, np.zeros(m.elements))
-        self.upload("linked_energy", np.zeros(m.bonds))
+            self._room(name, m.elements)
         if f.has_volume:
-            self.upload("volume_energy", np.zeros(m.elements))
+            self._room("volume_energy", m.elements)
         has_zz = bool(m.yielding) and f.plane_strain
         if has_zz:
             self.upload("locked_energy", np.zeros(m.elements))
@@ -887,6 +975,7 @@ class Step:
         (s, k), m, f = self._space, self.model, self.model.features
         bonds, facets, elements = m.bonds, m.facet_bonds, m.elements
         listed, listed_elements = None, None
+        near = near and self._near is not None
         if near:
             listed, listed_elements = self.arrays["near_bonds"], self.arrays["near_elements"]
             bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
@@ -963,8 +1052,8 @@ class Step:
 
     def _closing_energies(self) -> list[wp.Launch]:
         (s, k), m = self._space, self.model
-        if m.listed_bonds is not None and "closing_energy" not in self.arrays:
-            self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
+        if m.listed_bonds is not None:
+            self._room("closing_energy", len(m.listed_bonds))
         return self._over_listed(
             facet_closing_energies(s, k, m.features.faces, m.faces_rub, self._simd),
             evm_closing_energies(s, k, m.features.faces.has_slip, self._simd),
@@ -1023,8 +1112,8 @@ class Step:
         ids = None if listed is None else self.arrays[listed]
         bonds = m.bonds if ids is None else ids.size
         facets = m.facet_bonds if facets is None else facets
-        name = "linked_energy" if ids is None else "listed_linked_energy"
-        given = {"linked_energy": self.arrays[name], "listed": ids}
+        self._room("linked_energy", m.bonds)  # filled by whoever reads it next
+        given = {"listed": ids}
         passes = []
         if facets:
             f = m.features
@@ -1059,7 +1148,12 @@ class Step:
 
     def _near_integrator_energy(self) -> float:
         self._near_integrator.launch()
-        return self._sum("near_integrator_energy")
+        return self._sum("integrator_energy" if self._near is None else "near_integrator_energy")
+
+    def _room(self, name: str, size: int) -> None:
+        """Room for what a pass works out, if there is none yet."""
+        if name not in self.arrays:
+            self.upload(name, np.zeros(size))
 
     def _raised(self, name: str) -> bool:
         """Whether a pass raised a flag; lowers it."""
