@@ -165,6 +165,8 @@ class Arrays(dict[str, wp.array]):
         """Put an array on the device, or overwrite the one that is there."""
         if name in self.waits:
             self.waits[name] = value
+        elif name in self and self[name].device.is_cpu:
+            self[name].numpy()[:] = self.flat(name, value)
         elif name in self:
             self[name].assign(self.flat(name, value))
         else:
@@ -252,7 +254,7 @@ class Step:
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
         self._relax: Passes | None = None
-        self._flags: dict[str, NDArray] = {}
+        self._views: dict[str, tuple[wp.array, NDArray]] = {}
         self._nothings: dict[type, wp.array] = {}
         self.relinks = RelinkLog()
         self.neighbours: Neighbours | None = None
@@ -460,7 +462,7 @@ class Step:
     def relax(self, keep: float, push: float) -> None:
         """One step of relaxation: v <- keep v + push M^-1 F, drift, evaluate forces."""
         assert self._relax is not None
-        self.upload("relaxing_mix", np.array([keep, push]))
+        self._write("relaxing_mix", np.array([keep, push]))
         self._relax.launch()
         if self.neighbours is not None:
             self._touch(moves=False)
@@ -1162,9 +1164,7 @@ class Step:
             raised = bool(flag.numpy()[0])
             flag.zero_()
             return raised
-        if name not in self._flags:
-            self._flags[name] = flag.numpy()  # a view of the same memory
-        view = self._flags[name]
+        view = self._view(name)
         raised, view[0] = bool(view[0]), 0
         return raised
 
@@ -1174,15 +1174,22 @@ class Step:
         if not array.device.is_cpu:
             self.upload(name, values)
             return
-        if name not in self._flags:
-            self._flags[name] = array.numpy()  # a view of the same memory
-        self._flags[name][:] = values
+        self._view(name)[:] = values
 
     def _taken(self, *names: str) -> float:
         return sum(self._sum(name) for name in names if name in self.arrays)
 
     def _sum(self, name: str) -> float:
-        return float(self.arrays[name].numpy().sum(dtype=np.float64))
+        on_host = self.arrays[name].device.is_cpu
+        values = self._view(name) if on_host else self.arrays[name].numpy()
+        return float(values.sum(dtype=np.float64))
+
+    def _view(self, name: str) -> NDArray:
+        """An array's memory itself, on a CPU."""
+        array, known = self.arrays[name], self._views.get(name)
+        if known is None or known[0] is not array:
+            known = self._views[name] = array, array.numpy()
+        return known[1]
 
     def _nothing(self, array_type: wp.array) -> wp.array:
         """An array that stands for one that a kernel does not use.

@@ -1,6 +1,8 @@
 """Scenes whose steps are timed: what each switches on, and nothing else.
 
-Bodies of unit cells, Young's modulus and density, strained a little and let go. In the plane
+Stress is read every ten steps, as observers do; bonds that may break are tested every step, by
+Drucker and Prager's criterion of the element stresses; all elements flow, by von Mises' law, in the
+scene of plasticity. Bodies of unit cells, Young's modulus and density, strained a little and let go. In the plane
 hexagonal cells; in space fcc, for EVM bonds a simple cubic lattice.
 """
 
@@ -40,9 +42,9 @@ KINDS = (
     Kind("EVM", bond="EVM"),
     Kind("facet, nu = 0"),
     ELASTIC,
-    Kind("+ stress read every 10 steps", poisson=0.3, reads_stress=True),
-    Kind("+ fracture (stress and Drucker-Prager every step)", poisson=0.3, breaks=True),
-    Kind("+ plasticity (von Mises, all flow)", poisson=0.3, flows=True),
+    Kind("+ stress", poisson=0.3, reads_stress=True),
+    Kind("+ fracture", poisson=0.3, breaks=True),
+    Kind("+ plasticity", poisson=0.3, flows=True),
     Kind("+ fracture and contact", poisson=0.3, breaks=True, touches=True),
 )
 

@@ -46,6 +46,11 @@ class Point:
     steps: int | None = None
     more: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def rate(self) -> float:
+        """Element-steps a second."""
+        return self.elements * (self.steps or 0) / self.seconds if self.seconds else 0.0
+
 
 class Clock:
     """Seconds that this process has worked while it ran."""
@@ -133,7 +138,7 @@ def elastica(bonds: int, precision: str = "float64", method: str = "relax") -> P
         if method == "newton":
             sim.equilibrate(tolerance=1e-9, load_steps=2)
         else:
-            sim.relax(tolerance=1e-4 * (8.0 / bonds) ** 2)
+            sim.relax(tolerance=1e-5 * (8.0 / bonds) ** 2)
     tip = sim.displacement[-1] / bonds
     return Point(tip_error(tip), clock.seconds, bonds + 1)
 
