@@ -37,6 +37,57 @@ def test_scenes_runs(tmp_path):
         assert row["kernels"] == ["move", "face_dilation", "volume_stresses", "facet_forces"]
 
 
+def test_speed_vs_error_runs_and_draws(tmp_path):
+    picture = tmp_path / "p.png"
+    run("speed_vs_error.py", "--output", tmp_path / "v.json", "--picture", picture)
+    found = json.loads((tmp_path / "v.json").read_text())["cases"]
+    assert len(found) >= 5
+    # the coarsest runs, whose errors are those of their resolution
+    assert found["elastica"]["lines"]["float64 Newton"][0]["error"] < 2e-3
+    assert found["wave"]["lines"]["float32"][0]["error"] < 7e-3
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_start_and_report_run(tmp_path):
+    run("start.py", "--output", tmp_path / "start.json")
+    run_report = [sys.executable, str(FOLDER / "report.py"), "--folder", str(tmp_path)]
+    page = tmp_path / "page.md"
+    done = subprocess.run([*run_report, "--output", str(page)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    text = page.read_text()
+    assert "| mode-i |" in text
+    for name in ("throughput", "scenes", "speed_vs_error", "peers", "spall"):
+        assert f"`{name}.py`: not measured" in text
+
+
+def test_the_page_is_that_of_the_files(tmp_path):
+    page = tmp_path / "page.md"
+    command = [sys.executable, str(FOLDER / "report.py"), "--output", str(page)]
+    subprocess.run(command, check=True)
+    assert page.read_text() == (FOLDER.parent / "docs" / "performance.md").read_text()
+
+
+def test_bench_prints_rates_and_errors():
+    command = [sys.executable, "-m", "warpdem", "bench", "--size", "300"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "+ fracture" in done.stdout and "elastica" in done.stdout
+
+
+def test_errors_fall_with_resolution_at_second_order():
+    from warpdem.benchmark import work
+
+    for run_case, knob, values in (
+        (work.wave, "length", (8, 16)),
+        (work.beam_frequency, "bonds", (8, 16)),
+        (work.spinning_bar, "bonds", (4, 8)),
+    ):
+        coarse, fine = (run_case(**{knob: v}).error for v in values)
+        assert 3.5 < coarse / fine < 4.5
+    long, short = (work.hot_block(dt).error for dt in (0.1, 0.05))
+    assert 3.5 < long / short < 4.5
+
+
 def test_hand_written_steps_are_the_same_steps():
     sys.path.insert(0, str(FOLDER))
     try:

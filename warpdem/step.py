@@ -1180,9 +1180,11 @@ class Step:
         return sum(self._sum(name) for name in names if name in self.arrays)
 
     def _sum(self, name: str) -> float:
-        on_host = self.arrays[name].device.is_cpu
-        values = self._view(name) if on_host else self.arrays[name].numpy()
-        return float(values.sum(dtype=np.float64))
+        return float(self.look(name).sum(dtype=np.float64))
+
+    def look(self, name: str) -> NDArray:
+        """An array's flat values to be read at once: its memory itself on a CPU, else a copy."""
+        return self._view(name) if self.device == "cpu" else self.arrays[name].numpy()
 
     def _view(self, name: str) -> NDArray:
         """An array's memory itself, on a CPU."""
@@ -1221,5 +1223,6 @@ class Step:
 def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Force [N] and torque [N m] that the bonds exert on every element, summed in float64."""
     slots, n = step.model.features.slots, step.model.elements
-    force, torque = (step.download(x).astype(np.float64) for x in ("end_force", "end_torque"))
-    return force.reshape(slots, n, -1).sum(axis=0), torque.reshape(slots, n, -1).sum(axis=0)
+    ends = (step.look(x).reshape(slots, n, -1) for x in ("end_force", "end_torque"))
+    force, torque = (x.sum(axis=0, dtype=np.float64) for x in ends)
+    return force, torque

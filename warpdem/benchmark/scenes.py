@@ -1,9 +1,9 @@
 """Scenes whose steps are timed: what each switches on, and nothing else.
 
 Stress is read every ten steps, as observers do; bonds that may break are tested every step, by
-Drucker and Prager's criterion of the element stresses; all elements flow, by von Mises' law, in the
-scene of plasticity. Bodies of unit cells, Young's modulus and density, strained a little and let go. In the plane
-hexagonal cells; in space fcc, for EVM bonds a simple cubic lattice.
+Drucker and Prager's criterion of the element stresses; in the scene of plasticity all elements
+flow, by von Mises' law. Bodies of unit cells, Young's modulus and density, strained a little and
+let go. In the plane hexagonal cells; in space fcc, for EVM bonds a simple cubic lattice.
 """
 
 from dataclasses import dataclass
