@@ -18,9 +18,10 @@ from ..packing import Packing
 from ..plasticity import VonMises
 from ..scene import Scene
 
-STRAIN = 1e-4  # uniform, at the start
+STRAIN = 1e-3  # uniform, at the start
+NOISE = 1e-3  # of velocities
 STRENGTH = 1.0  # of bonds that may break: never reached
-YIELD = 5e-5  # reached at once
+YIELD = 5e-4  # reached at once
 EVM = EVMBond(longitudinal=1.0, shear=0.4, bending=0.05, torsion=0.04)
 
 
@@ -76,6 +77,13 @@ def build(kind: Kind, dim: int, elements: int, cell: str = "") -> Scene:
     shear = np.zeros((dim, dim))
     shear[0, 1] = shear[1, 0] = STRAIN
     scene.strain(body, shear)
+    # nothing is exactly at rest, else squares of what is left by rounding fall below the range of
+    # normal numbers, which a processor handles slowly
+    rng = np.random.default_rng(0)
+    scene.set_velocity(
+        body, NOISE * rng.normal(size=p.position.shape),
+        NOISE * rng.normal(size=body.angular_velocity.shape),
+    )  # fmt: skip
     if kind.touches:
         scene.contact(friction=0.3)
     return scene
