@@ -177,7 +177,10 @@ def draw(path: Path, cases: dict[str, dict[str, Any]]) -> None:
     columns = min(4, len(cases))
     rows = -(-len(cases) // columns)
     fig = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
-    for ax, case in zip(np.ravel(fig.subplots(rows, columns)), cases.values(), strict=False):
+    panels = np.ravel(fig.subplots(rows, columns))
+    for ax in panels[len(cases) :]:
+        ax.set_axis_off()
+    for ax, case in zip(panels, cases.values(), strict=False):
         for at, (name, points) in enumerate(case["lines"].items()):
             known = [p for p in points if p["error"] and np.isfinite(p["error"])]
             if not known:

@@ -112,8 +112,8 @@ def test_arrays_reach_the_device_when_a_pass_asks_for_them():
     breaks = next(k for k in KINDS if k.breaks and not k.touches)
     sim = wd.Simulation(build(breaks, 2, 400))
     sim.run(steps=2)
-    # what only a break or a pair that closes needs is not there yet
-    for name in ("break_energy", "closing_impulse", "bond_face"):
+    # what only a pair that closes needs is not there yet
+    for name in ("closing_impulse", "closing_twist"):
         assert name not in sim.memory
     assert sim.bytes == sum(sim.memory.values())
     assert list(sim.memory.values()) == sorted(sim.memory.values(), reverse=True)
