@@ -114,7 +114,7 @@ def save(sim: Simulation, path: Path) -> None:
         "steps": sim.steps,
         "time": sim.time,
         "scene": fingerprint(sim),
-        "shapes": {name: list(shape) for name, shape in step._shapes.items()},
+        "shapes": {name: list(shape) for name, shape in step.arrays.shapes.items()},
         "parts": parts,
         "observers": observers,
     }

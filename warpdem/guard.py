@@ -95,7 +95,7 @@ class Guard:
 
     def _where(self, name: str, flat: NDArray[np.bool_], step: Step) -> str:
         """Which elements or bonds a flat array's bad numbers belong to."""
-        m, shape = self._model, step._shapes.get(name, flat.shape)
+        m, shape = self._model, step.arrays.shapes.get(name, flat.shape)
         rows = shape[0] if shape else 1
         bad = np.flatnonzero(flat.reshape(rows, -1).any(axis=1))
         listed = m.listed_bonds
