@@ -1,8 +1,11 @@
 """Published experiments as functions, each also a command `warpdem run NAME`."""
 
 from .brazilian import Brazilian, brazilian
+from .crushed_grain import CrushedGrain, CrushedGrainResult, crushed_grain
+from .drop import Drop, DropResult, drop
 from .envelope import Envelope, strength_envelope
 from .impact import Impact, ImpactResult, impact
+from .indentation import Indentation, IndentationResult, indentation
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
@@ -16,9 +19,15 @@ __all__ = [
     "Brazilian",
     "Compression",
     "Confined",
+    "CrushedGrain",
+    "CrushedGrainResult",
+    "Drop",
+    "DropResult",
     "Envelope",
     "Impact",
     "ImpactResult",
+    "Indentation",
+    "IndentationResult",
     "ModeI",
     "ModeII",
     "ModeIIResult",
@@ -35,7 +44,10 @@ __all__ = [
     "brazilian",
     "compression",
     "confined",
+    "crushed_grain",
+    "drop",
     "impact",
+    "indentation",
     "material_strength",
     "mode_i",
     "mode_ii",
