@@ -1,11 +1,13 @@
 """Published experiments as functions, each also a command `warpdem run NAME`."""
 
+from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
 from .crushed_grain import CrushedGrain, CrushedGrainResult, crushed_grain
 from .drop import Drop, DropResult, drop
 from .envelope import Envelope, strength_envelope
 from .impact import Impact, ImpactResult, impact
 from .indentation import Indentation, IndentationResult, indentation
+from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
@@ -16,6 +18,8 @@ from .specimen import Compression, Confined, Specimen, Tension, compression, con
 from .spring_slider import SpringSlider, SpringSliderResult, spring_slider
 
 __all__ = [
+    "Branching",
+    "BranchingResult",
     "Brazilian",
     "Compression",
     "Confined",
@@ -28,6 +32,8 @@ __all__ = [
     "ImpactResult",
     "Indentation",
     "IndentationResult",
+    "Kalthoff",
+    "KalthoffResult",
     "ModeI",
     "ModeII",
     "ModeIIResult",
@@ -41,6 +47,7 @@ __all__ = [
     "SpringSlider",
     "SpringSliderResult",
     "Tension",
+    "branching",
     "brazilian",
     "compression",
     "confined",
@@ -48,6 +55,7 @@ __all__ = [
     "drop",
     "impact",
     "indentation",
+    "kalthoff",
     "material_strength",
     "mode_i",
     "mode_ii",

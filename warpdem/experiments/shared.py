@@ -11,15 +11,17 @@ from typing import Any, ClassVar, TypedDict
 import numpy as np
 
 from .. import criteria
+from ..checkpoint import Checkpoint
 from ..criteria import Criterion
 from ..errors import InputError, one_of
 from ..scene import Scene
-from ..simulation import Observer, Simulation
+from ..simulation import Observer, Simulation, resume
 from ..write.record import describe_machine
 from ..write.whole import write_json
 
 Say = Callable[[str], None]
 TURNED = 1.4  # rad: a loose element that rolls on would turn its faces inside out
+CHECKPOINT = "checkpoint.npz"  # in the folder of a run, while it is not complete
 # makes further observers of a run, of the simulation and what the experiment measures
 Observers = Callable[[Simulation, Any], list[Observer]]
 # of the log of broken bonds
@@ -44,6 +46,7 @@ class Options(TypedDict, total=False):
     observers: Observers | None
     say: Say
     frames: int
+    checkpoint: Checkpoint | None
 
 
 def silent(line: str) -> None:
@@ -99,10 +102,17 @@ def build(
     local_damping: float = 0.0,
     threads: int = 1,
     dt: float | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Simulation:
-    """The simulation of a scene; tells its size and its time step."""
+    """The simulation of a scene, which goes on from the checkpoint's file if there is one; tells
+    its size and its time step."""
     say("compiling kernels, once for each kind of scene; later runs take them from disk")
-    sim = Simulation(scene, device, precision, dt, local_damping=local_damping, threads=threads)
+    if checkpoint is not None and checkpoint.path.exists():
+        sim = resume(checkpoint.path, scene, device=device, threads=threads)
+    else:
+        sim = Simulation(scene, device, precision, dt, local_damping=local_damping, threads=threads)
+    if checkpoint is not None:
+        sim.observe(checkpoint)
     say(
         f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
         f"{sim.bytes / 1e6:.0f} MB; {size}"
@@ -114,17 +124,33 @@ def build(
     return sim
 
 
+def foreseen(sim: Simulation, steps: int) -> str:
+    """How long a run of about so many steps will take, in words."""
+    if sim.steps:  # looking at the passes could change what is to go on to the bit
+        return f"going on at step {sim.steps} of about {steps}"
+    return f"about {steps} steps, {steps * sim.seconds_per_step():.0f} s"
+
+
+def start_record(
+    experiment: str, parameters: Any, precision: str, device: str
+) -> dict[str, object]:
+    """What of run.json is known before a run."""
+    given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
+    return {
+        "experiment": experiment,
+        "parameters": given | {"precision": precision, "device": device},
+    }
+
+
 def write_record(
     where: Path, experiment: str, parameters: Any, result: Result, began: float
 ) -> None:
     """run.json: all parameters, numbers, energies and versions; `began`: when, for the seconds."""
     sim = result.simulation
     result.seconds = time.perf_counter() - began
-    given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
     record = {
-        "experiment": experiment,
         "status": "complete",
-        "parameters": given | {"precision": sim.precision, "device": str(sim.device)},
+        **start_record(experiment, parameters, sim.precision, str(sim.device)),
         **result.numbers(),
         "energy": sim.energy(),
         "machine": describe_machine(),

@@ -15,13 +15,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .. import packing
+from ..checkpoint import Checkpoint
 from ..observe import FragmentTracker, Series
 from ..packing import Packing
 from ..scene import Scene
 from ..simulation import Observer, Simulation
 from ..write.chart import Chart
 from ..write.whole import folder, write_csv
-from .shared import UNITS, Result, build, run_numbers, silent, write_record
+from .shared import UNITS, Result, build, foreseen, run_numbers, silent, write_record
 
 FILES = ("picture.png", "scene.usd", "series.csv", "run.json")
 BREAKING = ("broken_bonds.csv", "fragments.csv", "fragments_history.csv", "fragments.png")
@@ -129,21 +130,34 @@ def run_trial(
     observers: Callable[[Simulation, Any], list[Any]] | None = None,
     say: Callable[[str], None] = silent,
     frames: int = FRAMES,
+    checkpoint: Checkpoint | None = None,
 ) -> Any:
     """Make a trial; its result is that of `p.measure`.
 
     out: folder for `p.files`; None writes nothing. observers: makes further observers of the run;
-    say: is told what happens, line by line; frames: of the USD scene, about; threads: of the CPU.
+    say: is told what happens, line by line; frames: of the USD scene, about; threads: of the CPU;
+    checkpoint: of the run, which goes on from its file if there is one.
     Raises InputError for parameters that cannot be run.
     """
     began = time.perf_counter()
     where = None if out is None else folder(out)
     say("building the scene")
     stage = p.stage()
-    sim = build(stage.scene, device, precision, say, stage.size, stage.damping, threads, stage.dt)
-    stage.start(sim)
+    sim = build(
+        stage.scene,
+        device,
+        precision,
+        say,
+        stage.size,
+        stage.damping,
+        threads,
+        stage.dt,
+        checkpoint,
+    )
+    if not sim.steps:
+        stage.start(sim)
     steps = round(stage.until / sim.dt)
-    say(f"about {steps} steps, {steps * sim.seconds_per_step():.0f} s")
+    say(foreseen(sim, steps))
     pieces = None
     stage.series.every = max(1, steps // ROWS)
     sim.observe(stage.series)
