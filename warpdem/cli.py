@@ -404,6 +404,9 @@ def _time_progress(_: Trial, stage: Stage) -> Observer:
 for _trial, _make in (
     (experiments.SlidingBlock, experiments.sliding_block),
     (experiments.SpringSlider, experiments.spring_slider),
+    (experiments.Drop, experiments.drop),
+    (experiments.CrushedGrain, experiments.crushed_grain),
+    (experiments.Indentation, experiments.indentation),
     (experiments.Impact, experiments.impact),
 ):
     experiment(

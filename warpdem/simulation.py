@@ -641,8 +641,13 @@ class Simulation:
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
-        row = self._row(wall)
-        return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+        return self.wall_forces(wall).sum(axis=0)
+
+    def wall_forces(self, wall: Wall) -> Array:
+        """Force of every element on a wall [N], (n, dim)."""
+        force = np.zeros((self.model.elements, self.model.features.dim))
+        force[self.model.contact_elements] = self._step.download("wall_reaction")[self._row(wall)]
+        return force[: self.model.own_elements]
 
     def wall_torque(self, wall: Wall) -> Array:
         """Torque of all elements on a wall about its shape's place [N m], (1,) or (3,)."""
