@@ -14,7 +14,7 @@ ALLOWED = {
     "bond": {"errors", "material", "section"},
     "criteria": {"errors", "fields", "section"},
     "friction": {"errors"},
-    "contact": {"errors", "friction", "packing"},
+    "contact": {"errors", "friction", "packing", "relinking"},
     "wall": {"errors", "friction"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},

@@ -50,7 +50,7 @@ from .observe import (
 )
 from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
-from .relinking import Healing
+from .relinking import Healing, Welding
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation, resume
@@ -134,6 +134,7 @@ __all__ = [
     "VonMises",
     "VtkWriter",
     "Wall",
+    "Welding",
     "When",
     "calibrate",
     "calibrate_strength",

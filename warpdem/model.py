@@ -234,9 +234,11 @@ class Model:
 
     @property
     def rubs(self) -> bool:
-        """Whether contacts have friction."""
+        """Whether contacts have springs across their normals, of friction or of welds."""
         return self.contact is not None and (
-            rubs(self.contact.friction) or any(rubs(wall.friction) for wall in self.walls)
+            self.contact.welding is not None
+            or rubs(self.contact.friction)
+            or any(rubs(wall.friction) for wall in self.walls)
         )
 
     @property
@@ -382,6 +384,9 @@ def state_arrays(
             state["restitution_energy"] = np.zeros(rows)
         if model.rubs:
             state["slip_energy"] = np.zeros(rows)
+        if model.contact.welding is not None:
+            state["weld_energy"] = np.zeros(rows)
+            state["any_welded"] = np.zeros(1, dtype=np.int32)
         if model.walls:
             walls = len(model.walls)
             spin, place = np.zeros((walls, spins)), np.zeros((walls, f.dim))
@@ -1493,6 +1498,8 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
             for b in bodies
         ]
         model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
+    if model.contact.welding is not None:
+        _check_welding(model)
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle
@@ -1523,6 +1530,21 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         density = model.mass / model.element_volume
         impedance = radius * width * np.sqrt(density * each["pressure_modulus"])
         model.contact_impedance = float(impedance[elements].sum())
+
+
+def _check_welding(model: Model) -> None:
+    """Refuse welds that would leave the list of neighbours before they break."""
+    contact, ids = model.contact, model.contact_elements
+    assert contact is not None and contact.welding is not None and ids is not None
+    assert model.contact_compliance is not None and model.contact_radius is not None
+    stretch = 2.0 * contact.welding.strength * float(model.contact_compliance[ids].max())
+    skin = contact.skin * float(np.median(model.contact_radius[ids]))
+    if stretch > 0.5 * skin:
+        raise InputError(
+            f"welds of this strength stretch by up to {stretch:.3g} m before they break, more than "
+            f"half the skin of the list of neighbours, {skin:.3g} m: give a strength below "
+            f"{0.5 * skin / stretch * contact.welding.strength:.3g} Pa, or a greater skin."
+        )
 
 
 def _check_box(scene: Scene) -> None:

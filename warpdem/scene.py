@@ -22,11 +22,11 @@ from .errors import (
     positive,
     whole,
 )
-from .friction import Friction, checked_friction
+from .friction import Friction, RateAndState, checked_friction
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
-from .relinking import Healing
+from .relinking import Healing, Welding
 from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
@@ -514,6 +514,7 @@ class Scene:
         restitution: float = 1.0,
         skin: float = 0.5,
         law: str = "linear",
+        welding: Welding | None = None,
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
@@ -524,6 +525,9 @@ class Scene:
         alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
         springs are the same); its time step is for overlaps up to a twentieth of the radius.
 
+        welding: the law by which pairs weld that are pressed on each other; linear law, Coulomb's
+        friction or none.
+
         Pairs that a bond joined close and rub on their own face until they have parted; there EVM
         bonds do not rub.
         """
@@ -532,7 +536,15 @@ class Scene:
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
         one_of("law", law, ("linear", "hertz"))
-        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law)
+        if welding is not None:
+            if not isinstance(welding, Welding):
+                raise InputError(f"welding is {welding!r}; give a Welding.")
+            if law != "linear" or isinstance(mu, RateAndState):
+                raise InputError(
+                    "welding is for the linear law of contact and Coulomb's friction: leave "
+                    "law='hertz' and RateAndState, or welding, out."
+                )
+        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law, welding)
 
     @checked
     def wall(

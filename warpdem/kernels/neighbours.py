@@ -342,9 +342,9 @@ def list_neighbours(k: Laws, is_periodic: bool):
 
 
 @cache
-def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool):
+def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool, welds: bool):
     """Pass over elements that may touch: what the old list knew of their pairs (debts, tangential
-    springs, ages) goes over to the new one."""
+    springs, ages, welds) goes over to the new one."""
     real = s.real
 
     def carry_over(
@@ -355,12 +355,19 @@ def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool):
         old_debt: wp.array(dtype=real),
         old_spring: wp.array(dtype=real),
         old_theta: wp.array(dtype=wp.float64),
+        old_welded: wp.array(dtype=int),
+        old_pressed: wp.array(dtype=real),
+        old_worked: wp.array(dtype=real),
         # written
         contact_debt: wp.array(dtype=real),
         contact_impulse: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
         contact_spring: wp.array(dtype=real),
         contact_theta: wp.array(dtype=wp.float64),
+        contact_welded: wp.array(dtype=int),
+        contact_pressed: wp.array(dtype=real),
+        contact_worked: wp.array(dtype=real),
+        weld_event: wp.array(dtype=int),
     ):
         t = wp.tid()
         at = old_start[t]
@@ -389,5 +396,44 @@ def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool):
                 s.store(contact_spring, e, spring)
             if wp.static(ages):
                 contact_theta[e] = theta
+            if wp.static(welds):
+                weld_event[e] = 0
+                contact_welded[e] = 0
+                contact_pressed[e] = real(0.0)
+                contact_worked[e] = real(0.0)
+                if known:
+                    contact_welded[e] = old_welded[at]
+                    contact_pressed[e] = old_pressed[at]
+                    contact_worked[e] = old_worked[at]
 
     return kernel(carry_over, simd=False)
+
+
+@cache
+def hand_over(s: Laws):
+    """Pass over elements that may touch: pairs that have just parted owe what they owed as faces.
+
+    Nothing else changes: turned faces are spheres already, and those out of reach do not touch.
+    """
+    real = s.real
+
+    def hand_over(
+        contact_start: wp.array(dtype=int),
+        contact_neighbour: wp.array(dtype=int),
+        bonded_start: wp.array(dtype=int),
+        bonded: wp.array(dtype=int),
+        bonded_listed: wp.array(dtype=int),
+        closing_gap: wp.array(dtype=real),
+        closing_debt: wp.array(dtype=real),
+        # written
+        contact_debt: wp.array(dtype=real),
+    ):
+        t = wp.tid()
+        for n in range(bonded_start[t], bonded_start[t + 1]):
+            listed = wp.max(bonded_listed[n], 0)
+            if bonded_listed[n] >= 0 and closing_gap[listed] == real(PARTED):
+                for e in range(contact_start[t], contact_start[t + 1]):
+                    if contact_neighbour[e] == bonded[n]:
+                        contact_debt[e] = closing_debt[listed]
+
+    return kernel(hand_over, simd=False)
