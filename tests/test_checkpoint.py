@@ -11,7 +11,6 @@ import pytest
 
 import warpdem as wd
 from warpdem import archive, checkpoint, passes
-from warpdem.kernels.memory import CHUNK
 from warpdem.validation import core
 
 SOFT = wd.Material(1.0, 0.3, 1.0)
@@ -499,27 +498,40 @@ def test_five_runs_of_a_scene_are_one():
     assert len(seen) == 1
 
 
-@pytest.mark.filterwarnings("ignore::warpdem.ModelWarning")
 @pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
-@pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("make", [facets, breaking_plastic, prony],
-                         ids=lambda m: m.__name__)  # fmt: skip
-def test_one_and_two_threads_resume_to_the_same_bits(make, precision, tmp_path, monkeypatch):
-    """Three runs in one and one in two halves, with launches this small shared out as well."""
-    monkeypatch.setattr(passes, "SHARED", 2 * CHUNK)
+@pytest.mark.parametrize(
+    ("plate", "precision"),
+    [
+        (True, "float64"),
+        *(
+            pytest.param(*x, marks=pytest.mark.slow)
+            for x in ((True, "float32"), (False, "float32"))
+        ),
+    ],
+)
+def test_one_and_two_threads_resume_to_the_same_bits(plate, precision, tmp_path):
+    """Two runs in one and one in two halves, in the plane and in space."""
+
+    def scene():
+        if plate:
+            p = wd.packing.hexagonal((110.0, 70.0), 1.0, "strain")
+        else:
+            p = wd.packing.fcc((15.0, 15.0, 15.0), 1.0)
+        return thrown(p, 0.02, fracture=wd.DruckerPrager(1e-2, 3.0))[0]
+
     seen = set()
-    for threads in (1, 2, 2):
-        whole = wd.Simulation(make(), precision=precision, threads=threads)
-        whole.run(steps=STEPS)
+    for threads in (1, 2):
+        whole = wd.Simulation(scene(), precision=precision, threads=threads, dt=0.1)
+        whole.run(steps=30)
         seen.add(hash_of(whole))
-    shares = [whole._step._team._share(x, rank) for x in whole._step._start.launches
-              for rank in range(2)]  # fmt: skip
-    assert sum(x is not None for x in shares) > len(whole._step._start.launches)
-    half = wd.Simulation(make(), precision=precision)
-    half.run(steps=STEPS // 2, checkpoint=tmp_path / "a.npz")
-    again = wd.resume(tmp_path / "a.npz", make(), threads=2)
-    again.run(steps=STEPS - STEPS // 2)
+    assert whole.model.bonds > whole.model.elements > passes.SHARED  # both are shared out
+    half = wd.Simulation(scene(), precision=precision, dt=0.1)
+    half.run(steps=15, checkpoint=tmp_path / "a.npz")
+    again = wd.resume(tmp_path / "a.npz", scene(), threads=2)
+    again.run(steps=15)
     seen.add(hash_of(again))
+    late = whole.broken_bonds()["step"] > 15
+    assert late.any() and not late.all()
     assert len(seen) == 1
 
 
