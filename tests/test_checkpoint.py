@@ -12,6 +12,7 @@ import pytest
 import warpdem as wd
 from warpdem import archive, checkpoint, passes
 from warpdem.validation import core
+from warpdem.validation.contact import ball
 
 SOFT = wd.Material(1.0, 0.3, 1.0)
 STEPS = 60
@@ -178,6 +179,18 @@ def healing():
     return scene
 
 
+def welding():
+    """Two elements, pressed on each other until they weld, and pulled apart."""
+    scene = wd.Scene()
+    one, other = (scene.add(ball(np.array([x, 0.0]), 0.5), SOFT) for x in (0.0, 1.0))
+    scene.hold(one, [0])
+    omega = 0.5
+    scene.hold(other, [0], velocity=[0.01 * omega, 0.0], history=lambda t: np.sin(omega * t))
+    other.displacement[:] = [-0.01, 0.0]
+    scene.contact(friction=0.3, welding=wd.Welding(strength=2e-3, pressure=1e-4, time=1.0))
+    return scene
+
+
 def renewing():
     """A sheet that flows so far that its faces are renewed."""
     p = wd.packing.voronoi((8.0, 8.0), 1.0, "strain", seed=1, periodic=True)
@@ -195,8 +208,8 @@ OLD = (facets, space, evm, softening, incubating, plastic, breaking_plastic, fin
 MAKES = (*OLD, tools, hertz, ageing, healing, renewing)
 BREAKING = (facets, space, evm, prony, contact, tools, hertz, ageing, healing)
 LENGTH = {renewing: 260, healing: 140, hertz: 36}  # steps
-RARE = {(hertz, "float32"), (hertz, "mixed"), (ageing, "mixed"), (healing, "float32"),
-        (tools, "mixed")}  # fmt: skip
+RARE = {(hertz, "float32"), (hertz, "mixed"),
+        (ageing, "mixed"), (healing, "float32"), (tools, "mixed")}  # fmt: skip
 CASES = [
     pytest.param(make, x, id=f"{make.__name__}-{x}",
                  marks=[pytest.mark.slow] if (make, x) in RARE else [])
@@ -260,6 +273,19 @@ def test_no_array_that_steps_write_is_left_out(make, tmp_path):
         kept = {n.removeprefix("state/"): file[n].tobytes() for n in file if "/" in n}
     assert {"displacement", "velocity"} <= written
     assert {name for name in written if kept.get(name) != after[name]} == set()
+
+
+def test_welds_resume_with_their_log(tmp_path):
+    sims = [wd.Simulation(welding(), dt=0.1) for _ in range(2)]
+    whole, half = sims
+    whole.run(steps=300)
+    half.run(steps=150, checkpoint=tmp_path / "a.npz")
+    again = wd.resume(tmp_path / "a.npz", welding())
+    again.run(steps=150)
+    late = whole.welded_pairs()["step"] > 150
+    assert late.any() and not late.all()
+    assert np.array_equal(whole.welded_pairs(), again.welded_pairs())
+    assert bytes_of(again) == bytes_of(whole)
 
 
 def test_a_new_attribute_is_kept_without_a_word(tmp_path):

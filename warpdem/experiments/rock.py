@@ -342,7 +342,7 @@ def check_breaks(strength: float, p: Rock) -> float:
 class _Film:
     """When the film has a frame: evenly while the load grows, and whenever bonds have broken."""
 
-    have_records = True  # which a checkpoint keeps
+    has_records = True  # which a checkpoint keeps
 
     def __init__(self, steps: int, bonds: int, frames: int) -> None:
         self.every, self.many = max(1, 2 * steps // frames), max(1, bonds // (8 * frames))
