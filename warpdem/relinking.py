@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, InputError, finite, positive
+from .errors import Array, InputError, checked, finite, positive
 
 
+@checked
 @dataclass(frozen=True)
 class Healing:
     """A law by which unlinked facet bonds of a body, broken or cut, are linked again.
@@ -34,6 +35,7 @@ class Healing:
             raise InputError(f"strength is {self.strength:g}; give a share, above 0 and up to 1.")
 
 
+@checked
 @dataclass(frozen=True)
 class Welding:
     """A law by which elements that no bond joins weld (`Scene.contact`).

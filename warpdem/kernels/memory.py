@@ -52,7 +52,9 @@ def is_patched() -> bool:
     Warp runs a CPU kernel as one scalar loop. Two changes to its code template, active only in
     kernels compiled with the flags below, let the loop begin at a thread's share, and state that
     iterations are independent. That holds for kernels that write at their own index, into their own
-    bond's slots, or one constant into a flag; one with an atomic would silently lose updates.
+    bond's slots, or one constant into a flag; one with an atomic would silently lose updates. What
+    such a loop writes should be of real numbers, flags too: integers written could be the numbers
+    that it counts by, for all the compiler knows, and it then loads and stores them all anew.
     """
     import warp._src.codegen as codegen
 
