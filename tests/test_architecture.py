@@ -6,7 +6,8 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1] / "warpdem"
 # what each module or folder of the package may import, beside itself
 ALLOWED = {
-    "kernels": set(),
+    "cache": {"errors"},
+    "kernels": {"cache"},
     "errors": set(),
     "material": {"errors"},
     "section": {"errors"},
@@ -46,7 +47,7 @@ ALLOWED = {
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
-        *("checkpoint", "guard", "passes", "relinking", "renewal", "wall"),
+        *("checkpoint", "cache", "guard", "passes", "relinking", "renewal", "wall"),
     },
     "observe": {"errors", "fields"},
     "write": {"errors", "fields", "observe", "wall"},

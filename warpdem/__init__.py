@@ -30,6 +30,7 @@ from .errors import (
     TooFastError,
     TroubledBondError,
     UnstableError,
+    UnwritableError,
 )
 from .friction import RateAndState
 from .material import Material
@@ -127,6 +128,7 @@ __all__ = [
     "TroubledBondError",
     "Tube",
     "UnstableError",
+    "UnwritableError",
     "UsdWriter",
     "Voce",
     "VonMises",

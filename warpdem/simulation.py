@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from . import fields
+from . import cache, fields
 from .bond import EVMBond
 from .checkpoint import Checkpoint, hand_over, noted_signals, read, restore, save
 from .errors import (
@@ -1056,7 +1056,7 @@ def resume(
 
 
 def _device(name: str) -> str:
-    wp.init()
+    cache.start()
     names = [str(d) for d in wp.get_devices()]
     if name == "cuda" and any(n.startswith("cuda") for n in names):
         return "cuda:0"

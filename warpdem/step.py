@@ -263,9 +263,20 @@ class Step:
         assert self.neighbours is not None
         if self.model.walls:
             self._pose_walls(moves)
+        builds = self.neighbours.builds
         if self.neighbours.refresh(self.box_strains[int(moves)]):
             self._bind_contact()
+        if self.neighbours.builds != builds:
+            self._clear_contact()
         (self._contact if moves else self._contact_still).launch()
+
+    def _clear_contact(self) -> None:
+        """Nothing touches but what a new list will tell."""
+        slots = self.model.features.slots
+        for name in ("end_force", "end_torque"):
+            array = self.arrays[name]
+            array[array.size // slots * (slots - 1) :].zero_()  # the last slot is theirs
+        self.arrays["contact_moment"].zero_()
 
     def _pose_walls(self, moves: bool) -> None:
         """Poses of walls at this instant, or at the end of a step and how they came there."""
@@ -605,7 +616,7 @@ class Step:
         welding = m.contact.welding
         welds = welding is not None
         weld_numbers = {x: getattr(welding, x.removeprefix("weld_"), 0.0) for x in WELD_NUMBERS}
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic, welds)
+        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic, welds, walls > 0)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         mu, both = coulomb(m.contact.friction), []
         # at the end of a step the box is where it was to go, but else where it was before
@@ -827,6 +838,7 @@ class Step:
         for group in m.criteria:
             time, exponent = group.rate
             given: dict[str, Any] = {"time": time, "exponent": exponent, "dt": self.dt}
+            given |= {f"number_{n + 1}": x for n, x in enumerate(group.numbers)}
             given |= {"numbers": four(*group.numbers), "first": group.first}
             given["listed"] = self.arrays["listed_bonds"]
             assert m.listed_bonds is not None

@@ -267,10 +267,13 @@ def contact_forces(
     is_hertz: bool = False,
     is_periodic: bool = False,
     welds: bool = False,
+    has_walls: bool = False,
 ):
     """Pass over elements that may touch: force and torque of all their contacts, into one slot.
 
     ages: some friction has a state, that of rate and state. welds: pairs that are pressed weld.
+    has_walls: walls add to the slot. It is cleared when the list is built, so that without walls
+    rows that list nothing need no work.
     """
     real, place, law = s.real, k.real, contact(s, ages)
     geometry = pair(s, k, is_hertz, is_periodic)
@@ -324,6 +327,9 @@ def contact_forces(
         first_place: int,
     ):
         t = wp.tid()
+        lists_nothing = contact_start[t] == contact_start[t + 1]
+        if wp.static(not has_walls) and lists_nothing:
+            return
         i = contact_elements[t]
         force = s.vec()
         torque = s.no_spin()
