@@ -17,6 +17,8 @@ from .closing import closing
 from .friction import friction as friction_law
 from .memory import kernel, nn
 
+OPPOSITE = 1e-8  # |n + n_before|^2 below which two normals are taken to oppose each other
+
 
 @cache
 def contact(s: Laws, ages: bool = False) -> Laws:
@@ -62,8 +64,15 @@ def contact(s: Laws, ages: bool = False) -> Laws:
     @wp.func
     def carried(spring: vec, before: vec, n: vec, half: spin) -> vec:
         """A tangential vector as the pair turns: by the least rotation of the normal, then about
-        it by the mean turn of both (theory B5). Exact in a rigid rotation."""
-        turned = spring - (wp.dot(spring, n) / (real(1.0) + wp.dot(before, n))) * (before + n)
+        it by the mean turn of both (theory B5). Exact in a rigid rotation.
+
+        Across `before`, the least rotation is a reflection across before + n: it keeps the length
+        of the spring however far the normal turns. Of opposite normals, of elements that have
+        passed through each other's centre, there is no least one, and the spring stays.
+        """
+        mean = before + n
+        square = wp.max(wp.dot(mean, mean), real(wp.static(OPPOSITE)))
+        turned = spring - (real(2.0) * wp.dot(spring, mean) / square) * mean
         return twisted(turned - wp.dot(turned, n) * n, n, half)
 
     @wp.func

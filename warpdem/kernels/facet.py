@@ -8,10 +8,10 @@ from functools import cache
 
 import warp as wp
 
-from .algebra import Laws, narrow
+from .algebra import Laws
 from .closing import UNKNOWN, closing
 from .face import Faces, face
-from .friction import friction as friction_law
+from .friction import face_friction
 from .memory import kernel, nn
 from .volume import volume
 
@@ -47,31 +47,48 @@ def facet(s: Laws) -> Laws:
         return stiffness * delta
 
     @wp.func
+    def carried_normal(p: vec, m: vec):
+        """Direction N along which a closing pair is measured, and what its length grows by.
+
+        N = w h, h = p + m, w = 1/|h| up to a relative turn of 120 degrees, and beyond the tangent
+        to that in |h|^2: elements that turn over against each other pass h = 0, where there is no
+        normal, with no force, and not with a jump. dN = w dh + 2 w' (h.dh) h; returned are N, w
+        and w'.
+        """
+        h = p + m
+        x = wp.dot(h, h)
+        inverse = real(1.0) / wp.sqrt(wp.max(x, real(1.0)))
+        w = inverse + wp.max(real(0.5) - real(0.5) * x, real(0.0))
+        slope = real(-0.5) * inverse * inverse * inverse
+        return w * h, w, slope
+
+    @wp.func
     def gap(delta: vec, p: vec, m: vec) -> real:
         """Opening along the mean of the normals that both elements carry [m]."""
-        return wp.dot(delta, wp.normalize(p + m))
+        n, _w, _slope = carried_normal(p, m)
+        return wp.dot(delta, n)
 
     @wp.func
     def closing_force(pull: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec):
         """Force on i and torques of a pull along n, the turning of n included."""
-        n = wp.normalize(p + m)
-        # of elements that have turned over against each other there is no normal
-        both = wp.max(wp.length(p + m), real(1.0e-6))
-        slip = (delta - wp.dot(delta, n) * n) / both
+        n, w, slope = carried_normal(p, m)
+        h = p + m
+        slip = w * delta + real(2.0) * slope * wp.dot(delta, h) * h
         f = pull * n
         ti = s.cross(ci, f) - pull * s.cross(p, slip)
         tj = -s.cross(cj, f) - pull * s.cross(m, slip)
         return f, ti, tj
 
     @wp.func
-    def rub(trial: vec, n: vec, limit: real) -> vec:
-        """Spring along the face that friction holds, no longer than `limit` [m]."""
-        along = trial - wp.dot(trial, n) * n
-        size = wp.length(along)
-        return wp.where(size > limit, (limit / wp.max(size, real(1.0e-30))) * along, along)
+    def grip(pull: real, p: vec, m: vec) -> real:
+        """Pull that friction counts, < 0: less where a pair has turned over, and none at about pi,
+        where the face changes sides. A tension, which `slack` lets be, holds as a pressure."""
+        n, _w, _slope = carried_normal(p, m)
+        share = real(1.25) * wp.dot(n, n) - real(0.25)
+        return -wp.abs(pull) * wp.min(wp.max(share, real(0.0)), real(1.0))
 
     return Laws(
-        rub=rub,
+        grip=grip,
         energy=energy,
         bending_energy=bending_energy,
         bending_torque=bending_torque,
@@ -160,12 +177,11 @@ def facet_forces(
 def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
-    rubs: closed ones also resist sliding, by a spring along the face that friction holds; how far
-    its anchor has slipped is kept in the frame of the first element. ages: as in
+    rubs: closed ones also resist sliding, as `friction.face_friction` has it. ages: as in
     `contact.contact_forces`.
     """
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
-    widened, narrowed, holding = narrow(k, s), narrow(s, k), friction_law(s, True)
+    rubbing = face_friction(s, k, ages)
 
     def facet_closing(
         # model
@@ -208,31 +224,15 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
             pull = contact.pull(closing_stiffness[t], gap, slack)
             f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
             if wp.static(rubs):
-                qi = k.load_rot(orientation, nn(bond_i[b]))
-                slip = k.load(closing_slip, t)
-                n = wp.normalize(p + m)
-                shear = closing_shear[t]
-                before = s.load(closing_spring, t)
-                trial = delta - narrowed(slip + k.turn(qi, slip))
-                limit = friction * wp.abs(pull) / shear
-                if closing_gap[t] >= real(UNKNOWN):  # unlinked just now: nothing holds it yet
-                    limit = real(0.0)
-                spring = law.rub(trial, n, limit)
-                whole = law.rub(trial, n, real(1.0e30))
-                if wp.static(ages):
-                    held, theta = holding.held(
-                        whole, pull, shear, friction, 0, friction_numbers, closing_theta[t], dt
-                    )
-                    closing_theta[t] = theta
-                    spring = wp.where(closing_gap[t] >= real(UNKNOWN), s.vec(), held)
-                taken = real(0.5) * shear * wp.dot(before + spring, whole - spring)
-                if closing_gap[t] >= real(UNKNOWN):
-                    taken = real(0.0)
-                closing_slip_energy[t] = closing_slip_energy[t] + wp.float64(taken)
-                anchor = widened(delta - spring)
-                k.store(closing_slip, t, anchor + k.turn_back(qi, anchor))
-                s.store(closing_spring, t, spring)
-                hold = shear * spring
+                frame = rubbing.mean_frame(
+                    k.load_rot(orientation, nn(bond_i[b])), k.load_rot(orientation, nn(bond_j[b]))
+                )
+                is_new = closing_gap[t] >= real(UNKNOWN)
+                hold = rubbing.rub(
+                    t, delta, wp.normalize(p + m), frame, law.grip(pull, p, m), is_new, friction,
+                    0, friction_numbers, closing_shear, closing_slip, closing_spring,
+                    closing_theta, closing_slip_energy, dt,
+                )  # fmt: skip
                 f += hold
                 ti += s.cross(ci + real(0.5) * delta, hold)
                 tj -= s.cross(cj - real(0.5) * delta, hold)
