@@ -62,17 +62,23 @@ def test_a_face_turns_over_without_a_jump(dim):
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-def test_a_face_spun_over_keeps_its_books(precision):
+@pytest.mark.parametrize("kind", ["facet", "EVM", "EVM in space"])
+def test_a_face_spun_over_keeps_its_books(precision, kind):
     # turns of pi are passed again and again, on a step of the very angle too
+    dim = 3 if "space" in kind else 2
     p = wd.packing.square((2.0, 1.0), 1.0, "strain")
+    if dim == 3:
+        p = wd.packing.simple_cubic((2.0, 1.0, 1.0), 1.0)
+    bond = "facet" if kind == "facet" else wd.EVMBond(1.0, 0.0, 0.1, 0.1, offset=0.3)
     scene = wd.Scene()
-    body = scene.add(p, SOFT, facet_bending=True)
+    body = scene.add(p, SOFT, bond=bond, facet_bending=kind == "facet")
     body.linked[:] = False
     scene.contact(friction=0.3)
-    scene.set_velocity(body, [0.0, 0.0], angular_velocity=[0.5], where=[1])
+    spin = [0.5] if dim == 2 else [0.3, 0.0, 0.4]
+    scene.set_velocity(body, np.zeros(dim), angular_velocity=spin, where=[1])
     dt = 2.0 * np.pi / 0.5 / 2000.0
     sim = wd.Simulation(scene, dt=dt, precision=precision)
-    sim.set_state(displacement=[[0.0, 0.0], [-0.05, 0.0]])
+    sim.set_state(displacement=[np.zeros(dim), -0.05 * np.eye(dim)[0]])
     held = sum(sim.energy()[x] for x in ("kinetic", "contact"))
     most = 0.0
     for _ in range(200):
@@ -81,6 +87,7 @@ def test_a_face_spun_over_keeps_its_books(precision):
         most = max(most, ledger["kinetic"] + ledger["contact"])
     assert np.isfinite(sim.position).all()
     assert most < (1.0 + 1e-3) * held
+    assert ledger["friction"] > 0.01 * held
     assert abs(ledger["residual"]) < 1e-4 * held
 
 

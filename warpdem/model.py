@@ -184,7 +184,7 @@ class Model:
     principal_moment: Array | None = None  # (n, 3)
     principal_axes: Array | None = None  # (n, 4) rotations from the principal axes to the world's
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
-    closing_shear: Array | None = None  # of the listed facet bonds: 2 G S/r0, where faces rub
+    closing_shear: Array | None = None  # of the listed bonds: 2 G S/r0 or c_t, where faces rub
     closing_stiffness: Array | None = None  # of the listed bonds: k_c = (lambda + 2 G) S / r0 or B1
     listed_elements: Ids | None = None  # elements of the listed bonds
     bond_strength: Array | None = None  # of the listed bonds
@@ -242,7 +242,8 @@ class Model:
     @property
     def faces_rub(self) -> bool:
         """Whether closed faces of unlinked pairs have friction."""
-        return self.contact is not None and rubs(self.contact.friction) and self.facet_listed > 0
+        touches = self.contact is not None and rubs(self.contact.friction)
+        return touches and self.listed_bonds is not None
 
     @property
     def ages(self) -> bool:
@@ -358,11 +359,12 @@ def state_arrays(
         state["closing_twist"] = np.zeros((f.slots * n, spins))
         state["any_crossed"] = np.zeros(1, dtype=np.int32)
         if model.faces_rub:
+            listed = len(model.listed_bonds)
             for name in ("closing_slip", "closing_spring"):
-                state[name] = np.zeros((model.facet_listed, f.dim))
-            state["closing_slip_energy"] = np.zeros(model.facet_listed)
+                state[name] = np.zeros((listed, f.dim))
+            state["closing_slip_energy"] = np.zeros(listed)
             if model.ages:
-                state["closing_theta"] = np.zeros(model.facet_listed)
+                state["closing_theta"] = np.zeros(listed)
     if model.contact is not None:
         rows = len(model.contact_elements) if model.contact_elements is not None else 0
         state["contact_moment"] = np.zeros((n, 4 if f.dim == 2 else 6))
@@ -1489,8 +1491,7 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     if any(isinstance(law, RateAndState) for law in laws):
         model.friction_numbers = np.array([numbers(law) for law in laws])
     if model.faces_rub:
-        assert model.facet_stiffness is not None and model.listed_bonds is not None
-        model.closing_shear = model.facet_stiffness[model.listed_bonds[: model.facet_listed]]
+        model.closing_shear = _closing_shear(model, each)
     model.bonded_start, model.bonded, which = bonded_rows(model.own_pairs, elements, own)
     if model.listed_bonds is not None:
         place = np.full(model.bonds, -1, dtype=np.int32)
@@ -1502,6 +1503,21 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         density = model.mass / model.element_volume
         impedance = radius * width * np.sqrt(density * each["pressure_modulus"])
         model.contact_impedance = float(impedance[elements].sum())
+
+
+def _closing_shear(model: Model, each: dict[str, Array]) -> Array:
+    """Stiffness along the faces of listed bonds [N/m]: k of facet bonds; of EVM bonds, which may
+    have none across, B1 2 G/(lambda + 2 G), as of elements that touch."""
+    assert model.listed_bonds is not None and model.closing_stiffness is not None
+    shear = model.closing_stiffness.copy()
+    facets = model.listed_bonds[: model.facet_listed]
+    if model.facet_stiffness is not None:
+        shear[: model.facet_listed] = model.facet_stiffness[facets]
+    beams = model.listed_bonds[model.facet_listed :]
+    both = np.stack([model.bond_i, model.bond_j])[:, beams]
+    give = [(1.0 / each[x][both]).sum(axis=0) for x in ("pressure_modulus", "two_shear")]
+    shear[model.facet_listed :] *= give[0] / give[1]
+    return shear
 
 
 def _add_walls(model: Model) -> None:

@@ -502,8 +502,7 @@ class Scene:
         alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
         springs are the same); its time step is for overlaps up to a twentieth of the radius.
 
-        Pairs that a bond joined close and rub on their own face until they have parted; there EVM
-        bonds do not rub.
+        Pairs that a bond joined close and rub on their own face until they have parted.
         """
         mu = checked_friction(friction)
         e = float(finite("restitution", restitution, ()))

@@ -104,7 +104,11 @@ def bound_frequency(model: Model) -> float:
         evm = slice(model.facet_bonds, model.bonds)
         b1, b2, b3, b4 = _of(model.evm_stiffness).T
         bending = b2 / 4.0 + b3 + b4 / 2.0
-        blocks.add_beams(evm, b1, b2 / _of(model.evm_length) ** 2, bending, b4)
+        shear = b2 / _of(model.evm_length) ** 2
+        if model.closing_shear is not None and model.listed_bonds is not None:
+            beams = model.listed_bonds[model.facet_listed :] - model.facet_bonds
+            shear[beams] = np.maximum(shear[beams], model.closing_shear[model.facet_listed :])
+        blocks.add_beams(evm, b1, shear, bending, b4)
         if model.bond_weight is not None:
             blocks.add_springs(evm, _volume_springs(model)[evm])
     return float(np.sqrt(2.0 * blocks.greatest()))

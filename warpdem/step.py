@@ -932,7 +932,7 @@ class Step:
         ages = m.faces_rub and m.ages and self._slack == 0.0
         return self._over_listed(
             facet_closing(s, k, f.faces, m.faces_rub, ages),
-            evm_closing(s, k, f.faces.has_slip),
+            evm_closing(s, k, f.faces.has_slip, m.faces_rub, ages),
             slack=self._slack,
             friction=friction,
             dt=dt,
@@ -967,7 +967,7 @@ class Step:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
             facet_closing_energies(s, k, m.features.faces, m.faces_rub, self._simd),
-            evm_closing_energies(s, k, m.features.faces.has_slip, self._simd),
+            evm_closing_energies(s, k, m.features.faces.has_slip, m.faces_rub, self._simd),
         )
 
     def _move(

@@ -79,16 +79,7 @@ def facet(s: Laws) -> Laws:
         tj = -s.cross(cj, f) - pull * s.cross(m, slip)
         return f, ti, tj
 
-    @wp.func
-    def grip(pull: real, p: vec, m: vec) -> real:
-        """Pull that friction counts, < 0: less where a pair has turned over, and none at about pi,
-        where the face changes sides. A tension, which `slack` lets be, holds as a pressure."""
-        n, _w, _slope = carried_normal(p, m)
-        share = real(1.25) * wp.dot(n, n) - real(0.25)
-        return -wp.abs(pull) * wp.min(wp.max(share, real(0.0)), real(1.0))
-
     return Laws(
-        grip=grip,
         energy=energy,
         bending_energy=bending_energy,
         bending_torque=bending_torque,
@@ -224,14 +215,11 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
             pull = contact.pull(closing_stiffness[t], gap, slack)
             f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
             if wp.static(rubs):
-                frame = rubbing.mean_frame(
-                    k.load_rot(orientation, nn(bond_i[b])), k.load_rot(orientation, nn(bond_j[b]))
-                )
                 is_new = closing_gap[t] >= real(UNKNOWN)
                 hold = rubbing.rub(
-                    t, delta, wp.normalize(p + m), frame, law.grip(pull, p, m), is_new, friction,
-                    0, friction_numbers, closing_shear, closing_slip, closing_spring,
-                    closing_theta, closing_slip_energy, dt,
+                    t, delta, wp.normalize(p + m), pull, is_new, nn(bond_i[b]), nn(bond_j[b]),
+                    orientation, friction, 0, friction_numbers, closing_shear, closing_slip,
+                    closing_spring, closing_theta, closing_slip_energy, dt,
                 )  # fmt: skip
                 f += hold
                 ti += s.cross(ci + real(0.5) * delta, hold)
