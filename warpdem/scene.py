@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
 from math import isnan
 
 import numpy as np
@@ -357,6 +358,7 @@ class Scene:
         else:
             history = strain
 
+            @wraps(history)
             def checked(time: float) -> Array:
                 return _strain(history(time), dim)
 

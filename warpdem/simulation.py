@@ -535,10 +535,18 @@ class Simulation:
         """Pairs of elements that touch now without a bond, (c, 2), the lower id first."""
         if self._step.neighbours is None or self.model.contact_radius is None:
             return np.zeros((0, 2), dtype=np.int64)
-        i, j = self._step.neighbours.pairs().astype(np.int64).T
-        x, radius = self.position, self.model.contact_radius
-        near = np.linalg.norm(x[j] - x[i], axis=1) < radius[i] + radius[j]
-        return np.stack([i, j], axis=1)[near]
+        pairs = self._step.neighbours.pairs().astype(np.int64)
+        return pairs[self._apart(pairs) < self.model.contact_radius[pairs].sum(axis=1)]
+
+    def _apart(self, pairs: NDArray[np.int64]) -> Array:
+        """Distances [m] of pairs of elements, in a periodic box of their nearest images."""
+        i, j = pairs.T
+        d = self.position[j] - self.position[i]
+        if self.model.contact_period is not None:
+            strain = self._step.box_strains[0]
+            edges = (np.eye(len(strain)) + strain) * self.model.contact_period
+            d -= np.rint(d @ np.linalg.inv(edges).T) @ edges.T
+        return np.linalg.norm(d, axis=1)
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
@@ -832,10 +840,8 @@ class Simulation:
             return
         assert m.contact_radius is not None and m.contact_compliance is not None
         assert m.contact_elements is not None
-        i, j = self.contacts.T
-        radius, x = m.contact_radius, self.position
-        both = radius[i] + radius[j]
-        share = [1.0 - np.linalg.norm(x[j] - x[i], axis=1) / both]
+        radius, pairs = m.contact_radius, self.contacts
+        share = [1.0 - self._apart(pairs) / radius[pairs].sum(axis=1)]
         if m.walls:  # by the force of each on each element
             own = m.contact_elements
             force = np.linalg.norm(self._step.download("wall_reaction"), axis=2)

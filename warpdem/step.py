@@ -92,7 +92,8 @@ OPTIONAL = frozenset(
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
-        *("contact_moment", "contact_spring", "contact_opened", "slip_energy"),
+        *("contact_image", "contact_box", "contact_box_before", "contact_box_after"),
+        *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         "restitution_energy",
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
@@ -107,7 +108,7 @@ SUMS = frozenset(
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
-        *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
+        *("contact_position", "contact_box_work", "slip_energy", "restitution_energy", "wall_work"),
         *("closing_slip_energy", "relink_energy", "healing_start"),
         *("wall_shape", "face_place"),
         *("wall_place", "wall_place_before", "wall_turn", "wall_turn_before"),
@@ -172,6 +173,11 @@ class Step:
         self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
         self._walls_posed = False
         self._meshes = self._build_meshes()
+        # of a periodic box with contact: now, and at the end of the next step
+        fixed = model.contact_strain
+        self.box_strains = np.zeros((2, model.features.dim, model.features.dim))
+        if fixed is not None:
+            self.box_strains[:] = fixed
         if model.contact is not None and touches:
             self.neighbours = Neighbours(model, self.arrays, *self._space, self.device)
         self.forget_gaps()
@@ -206,6 +212,8 @@ class Step:
         if self.model.strain_history is not None:
             strain = np.asarray(self.model.strain_history(now + self.dt), dtype=np.float64)
             self._write("box_strain", strain.ravel())
+        if self.neighbours is not None and self.model.contact_period is not None:
+            self._move_sides(now)
         for name, histories, at in (
             ("load_factor", self.model.load_histories, now),
             ("grip_factor", self.model.grip_histories, now + 0.5 * self.dt),
@@ -216,6 +224,15 @@ class Step:
                     for grip, factor in self.servo_factors.items():
                         values[grip] = factor
                 self._write(name, values)
+
+    def _move_sides(self, now: float) -> None:
+        """Strains of a periodic box at this instant and at the end of the next step, and how far
+        its edges have moved by them."""
+        period, history = self.model.contact_period, self.model.strain_history
+        for at, name in enumerate(("contact_box_before", "contact_box")):
+            if history is not None:
+                self.box_strains[at] = history(now + at * self.dt)
+            self._write(name, (self.box_strains[at] * period).ravel())
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
@@ -231,7 +248,7 @@ class Step:
         assert self.neighbours is not None
         if self.model.walls:
             self._pose_walls(moves)
-        if self.neighbours.refresh():
+        if self.neighbours.refresh(self.box_strains[int(moves)]):
             self._bind_contact()
         (self._contact if moves else self._contact_still).launch()
 
@@ -435,7 +452,8 @@ class Step:
     @property
     def work(self) -> float:
         """Work done so far by grips, loads and a periodic box [J]."""
-        return self._taken("element_work", "box_work", "dashpot_work", "wall_work")
+        names = "element_work", "box_work", "contact_box_work", "dashpot_work", "wall_work"
+        return self._taken(*names)
 
     def evaluate_angles(self) -> dict[str, NDArray[np.float64]]:
         """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
@@ -525,11 +543,15 @@ class Step:
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
         is_hertz = m.contact.is_hertz
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz)
+        is_periodic = m.contact_period is not None
+        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         mu, both = coulomb(m.contact.friction), []
-        for dt in (self.dt, 0.0):
-            passes = [self._bind(law, rows, dt=dt, friction=mu, **place)]
+        # at the end of a step the box is where it was to go, but else where it was before
+        after = {"contact_box_after": self.arrays.get("contact_box")}
+        still = {"contact_box": self.arrays.get("contact_box_before")}
+        for dt, sides in ((self.dt, {}), (0.0, still)):
+            passes = [self._bind(law, rows, dt=dt, friction=mu, **place, **sides)]
             if walls:
                 on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
                 passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
@@ -542,7 +564,8 @@ class Step:
 
         def settle(share: float) -> list[wp.Launch]:
             numbers = {"restitution": restitution, "share": share}
-            paid = [self._bind(contact_settle(s, k, bounces), rows, **numbers)]
+            law = contact_settle(s, k, bounces, is_periodic)
+            paid = [self._bind(law, rows, dt=self.dt, **numbers, **still, **after)]
             if walls:
                 on_walls = wall_settle(s, k, kinds, bounces)
                 paid.append(self._bind(on_walls, rows, **numbers, **given))
@@ -560,7 +583,8 @@ class Step:
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        passes = [self._bind(contact_energies(s, k, m.rubs, is_hertz), rows)]
+        law = contact_energies(s, k, m.rubs, is_hertz, is_periodic)
+        passes = [self._bind(law, rows, **still)]
         if walls:
             passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
         self._contact_energies = self._passes(passes)
