@@ -19,6 +19,7 @@ from .criteria import (
 )
 from .errors import Array, InputError, first_ids
 from .friction import RateAndState, coulomb, numbers, rubs
+from .kernels.contact import Touch
 from .kernels.face import Faces
 from .kernels.fracture import Test
 from .kernels.plastic import Flow
@@ -243,6 +244,19 @@ class Model:
         )
 
     @property
+    def touch(self) -> Touch:
+        """What contacts have."""
+        assert self.contact is not None
+        return Touch(
+            is_hertz=self.contact.is_hertz,
+            rubs=self.rubs,
+            ages=self.ages,
+            bounces=self.contact.bounces,
+            damps=self.contact.damping_ratio > 0.0,
+            is_periodic=self.contact_period is not None,
+        )
+
+    @property
     def faces_rub(self) -> bool:
         """Whether closed faces of unlinked pairs have friction."""
         touches = self.contact is not None and rubs(self.contact.friction)
@@ -400,8 +414,10 @@ def state_arrays(
                 state["wall_spring"] = np.zeros((walls, rows, f.dim))
             if model.ages:
                 state["wall_theta"] = np.zeros((walls, rows))
-            if model.contact.restitution < 1.0:
+            if model.touch.bounces:
                 state["wall_opened"] = np.zeros((walls, rows), dtype=np.int32)
+            if model.touch.damps:
+                state["wall_dashpot"] = np.zeros((walls, rows))
     if f.faces.has_rest:
         state |= _healing_arrays(model)
     if f.has_volume:

@@ -22,6 +22,7 @@ from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
 
+LEAST_DASHPOT = 0.01  # restitution that dashpots of contacts give
 History = Callable[[float], float]  # factor at a time [s]
 StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
 
@@ -494,6 +495,7 @@ class Scene:
         restitution: float = 1.0,
         skin: float = 0.5,
         law: str = "linear",
+        restitution_by: str = "opening",
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
@@ -503,6 +505,9 @@ class Scene:
         0 to 1 (elastic). skin: of the list of neighbours over the median radius; a matter of speed
         alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
         springs are the same); its time step is for overlaps up to a twentieth of the radius.
+        restitution_by: "opening" takes what restitution asks for where a contact opens, at any
+        time step, and nothing while it lasts; "dashpot" takes it while the contact lasts, by a
+        dashpot that never pulls, so that heaps come to rest, and needs a restitution above 0.
 
         Pairs that a bond joined close and rub on their own face until they have parted.
         """
@@ -511,7 +516,13 @@ class Scene:
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
         one_of("law", law, ("linear", "hertz"))
-        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law)
+        one_of("restitution_by", restitution_by, ("opening", "dashpot"))
+        if restitution_by == "dashpot" and e < LEAST_DASHPOT:
+            raise InputError(
+                f"restitution is {e:g}; dashpots that give it would need ever smaller time steps: "
+                f"give {LEAST_DASHPOT:g} to 1, or restitution_by='opening'."
+            )
+        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law, restitution_by)
 
     def wall(
         self,

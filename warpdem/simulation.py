@@ -29,6 +29,7 @@ from .scene import Body, Scene, Servo
 from .stability import (
     HERTZ_OVERLAP,
     bound_contact,
+    bound_contact_damping,
     bound_damping,
     bound_frequency,
     largest_frequency,
@@ -131,6 +132,9 @@ class Simulation:
         touch = bound_contact(self.model)
         frequency = float(np.hypot(frequency, touch))
         bound = float(np.hypot(bound_frequency(self.model), touch))
+        # contacts' dashpots know velocities of half a step ago: omega^2 dt^2 + 2 gamma dt < 4
+        lag = 0.5 * bound_contact_damping(self.model)
+        frequency, bound = (lag + float(np.hypot(lag, x)) for x in (frequency, bound))
         rate = bound_damping(self.model)
         self.dt_limit = 2.0 / max(frequency, rate) if frequency > 0.0 else np.inf
         self.dt_bound = 2.0 / bound if bound > 0.0 else np.inf

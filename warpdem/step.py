@@ -95,7 +95,7 @@ OPTIONAL = frozenset(
         *("contact_image", "contact_box", "contact_box_before", "contact_box_after"),
         *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
-        "restitution_energy",
+        *("restitution_energy", "contact_dashpot", "wall_dashpot"),
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
         *("healing_weight", "healing_strength"),
         *("wall_mesh", "wall_first_face", "face_place", "wall_opened", "wall_spring"),
@@ -538,23 +538,21 @@ class Step:
         (s, k), m = self._space, self.model
         assert self.neighbours is not None and m.contact is not None
         rows, walls = self.neighbours.rows, len(m.walls)
-        restitution = m.contact.restitution
-        bounces = restitution < 1.0
+        restitution, touch = m.contact.restitution, m.touch
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
-        is_hertz = m.contact.is_hertz
-        is_periodic = m.contact_period is not None
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic)
+        law, on_walls = contact_forces(s, k, touch), wall_forces(s, k, kinds, touch)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         mu, both = coulomb(m.contact.friction), []
         # at the end of a step the box is where it was to go, but else where it was before
         after = {"contact_box_after": self.arrays.get("contact_box")}
         still = {"contact_box": self.arrays.get("contact_box_before")}
-        for dt, sides in ((self.dt, {}), (0.0, still)):
-            passes = [self._bind(law, rows, dt=dt, friction=mu, **place, **sides)]
+        # at given places nothing moves that a dashpot would resist
+        for dt, damping, sides in ((self.dt, m.contact.damping_ratio, {}), (0.0, 0.0, still)):
+            numbers = {"dt": dt, "damping": damping, **place}
+            passes = [self._bind(law, rows, friction=mu, **numbers, **sides)]
             if walls:
-                on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
-                passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
+                passes.append(self._bind(on_walls, rows, **numbers, **given))
             both.append(self._passes(passes))
         self._contact, self._contact_still = both
         impulses = {
@@ -564,11 +562,11 @@ class Step:
 
         def settle(share: float) -> list[wp.Launch]:
             numbers = {"restitution": restitution, "share": share}
-            law = contact_settle(s, k, bounces, is_periodic)
+            law = contact_settle(s, k, touch)
             paid = [self._bind(law, rows, dt=self.dt, **numbers, **still, **after)]
             if walls:
-                on_walls = wall_settle(s, k, kinds, bounces)
-                paid.append(self._bind(on_walls, rows, **numbers, **given))
+                law = wall_settle(s, k, kinds, touch)
+                paid.append(self._bind(law, rows, **numbers, **given))
             return paid
 
         half = 0.5 * self.dt
@@ -583,10 +581,10 @@ class Step:
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        law = contact_energies(s, k, m.rubs, is_hertz, is_periodic)
+        law = contact_energies(s, k, touch)
         passes = [self._bind(law, rows, **still)]
         if walls:
-            passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
+            passes.append(self._bind(wall_energies(s, k, kinds, touch), rows, **given))
         self._contact_energies = self._passes(passes)
 
     def _damping_passes(self) -> list[wp.Launch]:

@@ -8,7 +8,8 @@ opens (as in `closing`).
 """
 
 from functools import cache
-from math import pi
+from math import pi, sqrt
+from typing import NamedTuple
 
 import warp as wp
 
@@ -18,6 +19,17 @@ from .friction import friction as friction_law
 from .memory import kernel, nn
 
 OPPOSITE = 1e-8  # |n + n_before|^2 below which two normals are taken to oppose each other
+
+
+class Touch(NamedTuple):
+    """What contacts of a scene have, those of walls included."""
+
+    is_hertz: bool = False
+    rubs: bool = False
+    ages: bool = False  # some friction has a state, that of rate and state
+    bounces: bool = False  # restitution takes its share where they open
+    damps: bool = False  # dashpots act while they last
+    is_periodic: bool = False
 
 
 @cache
@@ -122,7 +134,17 @@ def pressing(s: Laws, is_hertz: bool) -> Laws:
             """k = M S/R [N/m]."""
             return area / compliance
 
-        return Laws(energy=linear.energy, pull=linear.pull, against_wall=against_wall)
+        @wp.func
+        def viscosity(stiffness: real, gap: real, give: real, ratio: real) -> real:
+            """c = 2 beta sqrt(k m) [N s/m], 1/m the give of both: a ratio of the critical one."""
+            return real(2.0) * ratio * wp.sqrt(stiffness / give)
+
+        return Laws(
+            energy=linear.energy,
+            pull=linear.pull,
+            against_wall=against_wall,
+            resisted=resisting(s, viscosity),
+        )
 
     @wp.func
     def energy(stiffness: real, gap: real) -> real:
@@ -141,7 +163,53 @@ def pressing(s: Laws, is_hertz: bool) -> Laws:
         """k = 4/3 E* sqrt(R), 1/E* being the compliance."""
         return real(4.0 / 3.0) * wp.sqrt(radius) / compliance
 
-    return Laws(energy=energy, pull=pull, against_wall=against_wall_hertz)
+    @wp.func
+    def viscosity_hertz(stiffness: real, gap: real, give: real, ratio: real) -> real:
+        """c = sqrt(5) beta sqrt(k m) h^(1/4) [N s/m]: in y = h^(5/4) and the time dt h^(1/4) the
+        motion is that of the linear law, with its beta (Antypov and Elliott 2011)."""
+        root = wp.sqrt(wp.max(-gap, real(0.0)))
+        return real(wp.static(sqrt(5.0))) * ratio * wp.sqrt(stiffness * root / give)
+
+    return Laws(
+        energy=energy,
+        pull=pull,
+        against_wall=against_wall_hertz,
+        resisted=resisting(s, viscosity_hertz),
+    )
+
+
+def resisting(s: Laws, viscosity):
+    """Pull of the dashpot beside a contact's spring, of this viscosity."""
+    real = s.real
+
+    @wp.func
+    def resisted(
+        pull: real,
+        stiffness: real,
+        before: real,
+        gap: real,
+        speed: real,
+        give: real,
+        ratio: real,
+        dt: real,
+    ) -> real:
+        """Pull [N] at the end of a step, which with the spring's never becomes a tension.
+
+        speed: of the gap in the middle of the step [m/s]; what it is at the end both pulls on the
+        pair alone decide, half a step being theirs. Where the pair came to touch within the step
+        the dashpot has acted for less than one.
+        """
+        if gap >= real(0.0) or ratio == real(0.0) or give == real(0.0):
+            return real(0.0)
+        share = real(1.0)
+        if before >= real(0.0):
+            share = real(0.5) + gap / (gap - before)
+        c = share * viscosity(stiffness, gap, give, ratio)
+        half = real(0.5) * dt * give
+        own = c * (speed - half * pull) / (real(1.0) + half * c)
+        return wp.min(own, -pull)
+
+    return resisted
 
 
 @cache
@@ -266,22 +334,11 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) ->
 
 
 @cache
-def contact_forces(
-    s: Laws,
-    k: Laws,
-    has_friction: bool,
-    ages: bool,
-    has_restitution: bool,
-    is_hertz: bool = False,
-    is_periodic: bool = False,
-):
-    """Pass over elements that may touch: force and torque of all their contacts, into one slot.
-
-    ages: some friction has a state, that of rate and state.
-    """
-    real, place, law = s.real, k.real, contact(s, ages)
-    geometry = pair(s, k, is_hertz, is_periodic)
-    spring_law = pressing(s, is_hertz)
+def contact_forces(s: Laws, k: Laws, touch: Touch):
+    """Pass over elements that may touch: force and torque of all their contacts, into one slot."""
+    real, place, law = s.real, k.real, contact(s, touch.ages)
+    geometry = pair(s, k, touch.is_hertz, touch.is_periodic)
+    spring_law = pressing(s, touch.is_hertz)
     narrowed, widened = geometry.narrowed, geometry.widened
 
     def contact_forces(
@@ -295,6 +352,7 @@ def contact_forces(
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
+        inverse_mass: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
         contact_box: wp.array(dtype=place),
@@ -305,15 +363,18 @@ def contact_forces(
         # written
         contact_debt: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
+        contact_dashpot: wp.array(dtype=real),
         contact_spring: wp.array(dtype=real),
         contact_theta: wp.array(dtype=wp.float64),
         slip_energy: wp.array(dtype=wp.float64),
+        restitution_energy: wp.array(dtype=wp.float64),
         any_touched: wp.array(dtype=int),
         contact_moment: wp.array(dtype=real),
         contact_box_work: wp.array(dtype=wp.float64),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         friction: real,
+        damping: real,
         dt: place,
         first_place: int,
     ):
@@ -334,7 +395,7 @@ def contact_forces(
             vb = s.load(velocity, b)
             motion = dt * (widened(vb) - widened(va))
             by_box = k.vec()
-            if wp.static(is_periodic):
+            if wp.static(touch.is_periodic):
                 by_box = geometry.load_box_motion(
                     e, i, j, contact_image, contact_box, contact_box_before
                 )
@@ -361,8 +422,23 @@ def contact_forces(
                 contact_debt[e] = contact_debt[e] + owed
                 if (gap < real(0.0)) != (before < real(0.0)):
                     any_touched[0] = 1
-                    if wp.static(has_restitution) and gap >= real(0.0):
+                    if wp.static(touch.bounces) and gap >= real(0.0):
                         contact_opened[e] = 1
+                if wp.static(touch.damps):
+                    give = wp.dot(n, wp.cw_mul(s.load(inverse_mass, a), n))
+                    give += wp.dot(n, wp.cw_mul(s.load(inverse_mass, b), n))
+                    speed = wp.dot(n, narrowed(motion)) / wp.max(real(dt), real(1.0e-30))
+                    last = contact_dashpot[e]
+                    own = spring_law.resisted(
+                        pull, stiffness, before, gap, speed, give, damping, real(dt)
+                    )
+                    contact_dashpot[e] = own
+                    resisted = own * n + last * nb
+                    lost = real(0.25) * wp.dot(resisted, narrowed(motion))
+                    restitution_energy[t] = restitution_energy[t] + wp.float64(lost)
+                    both += resisted
+                    pull += own
+                    f = pull * n
                 # the points that touch lie where the spheres' surfaces would, by their radii
                 share = real(contact_radius[a] / reach)
                 arm_a = share * real(r)
@@ -370,28 +446,28 @@ def contact_forces(
                 arm = arm_b
                 if i == a:
                     arm = arm_a
-                if wp.static(has_friction):
+                if wp.static(touch.rubs):
                     shear = geometry.load_stiffness(
                         a, b, contact_radius, contact_width, contact_shear
                     )
                     wa = s.load_spin(angular_velocity, a)
                     wb = s.load_spin(angular_velocity, b)
                     theta = wp.float64(0.0)
-                    if wp.static(ages):
+                    if wp.static(touch.ages):
                         theta = contact_theta[e]
                     spring_before = s.load(contact_spring, e)
                     spring, theta, taken = law.rub(
                         spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
                         shear, pull, friction, 0, friction_numbers, theta, real(dt),
                     )  # fmt: skip
-                    if wp.static(ages):
+                    if wp.static(touch.ages):
                         contact_theta[e] = theta
                     s.store(contact_spring, e, spring)
                     f += shear * spring
                     both += shear * (spring_before + spring)
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(taken)
                     torque += arm * s.cross(n, shear * spring)
-                if wp.static(is_periodic):
+                if wp.static(touch.is_periodic):
                     done = real(0.25) * wp.dot(both, narrowed(by_box))
                     contact_box_work[t] = contact_box_work[t] + wp.float64(done)
                 moment += arm * wp.outer(s.embed(n), s.embed(f))
@@ -407,12 +483,11 @@ def contact_forces(
 
 
 @cache
-def contact_energies(
-    s: Laws, k: Laws, has_friction: bool, is_hertz: bool = False, is_periodic: bool = False
-):
+def contact_energies(s: Laws, k: Laws, touch: Touch):
     """Per element that may touch: half the energy of its pairs [J]."""
-    real, place, geometry = s.real, k.real, pair(s, k, is_hertz, is_periodic)
-    spring_law = pressing(s, is_hertz)
+    real, place = s.real, k.real
+    geometry = pair(s, k, touch.is_hertz, touch.is_periodic)
+    spring_law = pressing(s, touch.is_hertz)
 
     def contact_energies(
         # model
@@ -447,7 +522,7 @@ def contact_energies(
                     i, j, contact_radius, contact_width, contact_compliance
                 )
                 energy += real(0.5) * spring_law.energy(stiffness, gap)
-                if wp.static(has_friction):
+                if wp.static(touch.rubs):
                     shear = geometry.load_stiffness(
                         i, j, contact_radius, contact_width, contact_shear
                     )
@@ -488,14 +563,14 @@ def opening(s: Laws, has_restitution: bool) -> Laws:
 
 
 @cache
-def contact_settle(s: Laws, k: Laws, has_restitution: bool, is_periodic: bool = False):
+def contact_settle(s: Laws, k: Laws, touch: Touch):
     """Pass over elements that may touch: what their pairs owe is paid by impulses along n.
 
     Where a pair has opened, restitution takes the share 1 - e^2 of what its motion apart has.
     """
     real, place, spring_law = s.real, k.real, closing(s)
-    geometry = pair(s, k, is_periodic=is_periodic)
-    narrowed, ends = geometry.narrowed, opening(s, has_restitution)
+    geometry = pair(s, k, is_periodic=touch.is_periodic)
+    narrowed, ends = geometry.narrowed, opening(s, touch.bounces)
 
     def contact_settle(
         # model
@@ -539,7 +614,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, is_periodic: bool = 
                 n = narrowed(n_now)
                 speed = wp.dot(n, s.load(velocity, b) - s.load(velocity, a))
                 by_box = real(0.0)
-                if wp.static(is_periodic):
+                if wp.static(touch.is_periodic):
                     by_box = real(
                         wp.dot(
                             n_now,
@@ -564,7 +639,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, is_periodic: bool = 
                     size = share * spring_law.impulse(debt, speed, yield_both)
                 contact_debt[e] = debt + real(0.5) * size * speed
                 contact_impulse[e] = size
-                if wp.static(is_periodic):
+                if wp.static(touch.is_periodic):
                     done = -real(0.5) * size * by_box
                     contact_box_work[t] = contact_box_work[t] + wp.float64(done)
                 if i == a:

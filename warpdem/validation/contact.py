@@ -137,6 +137,48 @@ def two_elements_collide() -> Iterator[Measurement]:
 
 
 @case("contact")
+def dashpots_give_restitution() -> Iterator[Measurement]:
+    """Unlike elements, and an element and a wall, meet head on with dashpots of a restitution, at a
+    tenth of the greatest time step: its error falls with the square of that."""
+    stiff, soft, v = Material(1.0, 0.3, 1.0), Material(0.4, 0.1, 2.0), 1e-3
+    for law, other, dim in (
+        ("linear", "a wall", 2), ("linear", "an element", 3),
+        ("hertz", "a wall", 3), ("hertz", "an element", 3),
+    ):  # fmt: skip
+        for restitution in (0.2, 0.5, 0.8, 0.95):
+            scene = Scene()
+            x = np.eye(dim)[0]
+            one = scene.add(ball(np.zeros(dim), 0.5), stiff)
+            scene.contact(law=law, restitution=restitution, restitution_by="dashpot")
+            if other == "a wall":
+                scene.wall(0.502 * x, -x)
+            else:
+                scene.add(ball(0.852 * x, 0.35), soft)
+            scene.set_velocity(one, v * x)
+            sim = Simulation(scene, dt=0.1 * Simulation(scene).dt_limit)
+            before, held = momenta(sim), sim.energy()["kinetic"]
+            touched = False
+            while not touched or sim.force.any():
+                sim.run(steps=4)
+                touched |= bool(sim.force.any())
+            sim.run(until=sim.time + 0.02 / v)  # the force ends before the overlap does
+            u = sim.velocity[:, 0]
+            found = float(u[1] - u[0] if len(u) > 1 else -u[0]) / v
+            where = f"{law}, {other}, {dim}D"
+            yield Measurement(
+                f"speed after over before, {where}", restitution, "as set", found,
+                abs(found - restitution), 1e-3,
+            )  # fmt: skip
+            ledger = sim.energy()
+            where += f", restitution {restitution}"
+            missing = abs(ledger["residual"]) / held
+            yield vanishing(f"energy missing, {where}", "conserved", missing, 1e-12)
+            if len(u) > 1:
+                error = np.abs(momenta(sim)[0] - before[0]).max() / before[2]
+                yield vanishing(f"momentum, {where}", "Newton", error, 1e-14)
+
+
+@case("contact")
 def two_bodies_collide() -> Iterator[Measurement]:
     """Two elastic bodies meet obliquely, at 5e-4 of the speed of sound."""
     shapes = {
