@@ -1,4 +1,4 @@
-"""Laws of contact: turned-over pairs, dashpots (theory B11)."""
+"""Laws of contact: turned-over pairs, dashpots, rolling (theory B11)."""
 
 import numpy as np
 import pytest
@@ -221,3 +221,68 @@ def test_bad_dashpots_are_refused():
         scene.contact(restitution=0.0, restitution_by="dashpot")
     with pytest.raises(wd.InputError, match="restitution_by"):
         scene.contact(restitution=0.5, restitution_by="magic")
+
+
+def test_walls_have_their_own_rolling_friction():
+    ways = []
+    for own in (None, 0.1):
+        scene = wd.Scene()
+        body = scene.add(ball(np.array([0.0, 0.5]), 0.5), SOFT)
+        scene.contact(friction=0.6, rolling_friction=0.05)
+        scene.wall([0.0, 0.0], [0.0, 1.0], rolling_friction=own)
+        scene.set_gravity([0.0, -1e-4])
+        scene.set_velocity(body, [2e-3, 0.0], angular_velocity=[-4e-3])
+        sim = wd.Simulation(scene)
+        sim.run(until=1500.0)
+        ways.append(sim.displacement[0, 0])
+    assert ways[0] == pytest.approx(2.0 * ways[1], rel=0.01)
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32", "mixed"])
+def test_a_turning_wall_rolls_what_it_touches_and_its_work_is_booked(precision):
+    # a plate that turns about its own normal and tilts, with a sphere on it that nothing else turns
+    scene = wd.Scene()
+    body = scene.add(ball(np.array([0.0, 0.5, 0.0]), 0.5), SOFT)
+    scene.hold(body, [0], axes="xyz", rotation=False)
+    body.displacement[0, 1] = -0.02
+    scene.contact(rolling_friction=0.2, twisting_friction=0.02)
+    wall = scene.wall([0.0, 0.0, 0.0], [0.0, 1.0, 0.0], spin=[0.0, 0.01, 0.0])
+    sim = wd.Simulation(scene, precision=precision, dt=0.1)
+    sim.run(steps=5)
+    assert sim.angular_velocity[0, 1] > 0.0
+    assert sim.wall_torque(wall)[1] == pytest.approx(-sim.torque[0, 1], rel=1e-5)
+    sim.run(until=2000.0)
+    ledger = sim.energy()
+    assert -1e-3 < sim.angular_velocity[0, 1] < 0.021  # it swings about that of the wall
+    assert ledger["friction"] > 0.0
+    assert ledger["work"] > ledger["friction"]
+    assert abs(ledger["residual"]) < 1e-4 * ledger["work"]
+
+
+def test_rolling_springs_go_over_to_a_new_list():
+    given = {"friction": 0.3, "rolling_friction": 0.1, "restitution": 0.3}
+    given["restitution_by"] = "dashpot"
+    one, two = heap(**given), heap(skin=0.1, **given)
+    rolled = 0
+    for _ in range(30):
+        for sim in (one, two):
+            sim.run(steps=50)
+        rolled += one._step.arrays["contact_roll"].numpy().any()
+    assert rolled
+    assert two._step.neighbours.builds > one._step.neighbours.builds
+    assert np.array_equal(one.orientation, two.orientation)
+
+
+def test_only_scenes_that_resist_rolling_have_its_arrays():
+    names = {"contact_roll", "wall_roll", "wall_rolling", "wall_twisting"}
+    assert not names & heap(friction=0.3)._step.arrays.keys()
+    assert names <= heap(rolling_friction=0.1)._step.arrays.keys()
+    assert "contact_spring" not in heap(rolling_friction=0.1)._step.arrays
+
+
+def test_bad_rolling_is_refused():
+    scene = wd.Scene()
+    with pytest.raises(wd.InputError, match="rolling_friction is -1"):
+        scene.contact(rolling_friction=-1.0)
+    with pytest.raises(wd.InputError, match="in the plane nothing twists"):
+        heap(twisting_friction=0.1)

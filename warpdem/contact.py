@@ -20,6 +20,8 @@ class Contact:
     skin: float  # of the list of neighbours, over the median radius
     law: str = "linear"  # or "hertz"
     restitution_by: str = "opening"  # or "dashpot"
+    rolling_friction: float = 0.0  # moment over that of the normal force about the rolling radius
+    twisting_friction: float = 0.0  # likewise about the normal
 
     @property
     def is_hertz(self) -> bool:

@@ -230,6 +230,8 @@ class Model:
     wall_kind: Ids | None = None  # (walls,)
     wall_shape: Array | None = None  # (walls, 8) numbers of each shape
     wall_friction: Array | None = None  # (walls,)
+    wall_rolling: Array | None = None  # (walls,) if any contact resists rolling
+    wall_twisting: Array | None = None  # (walls,) likewise
     friction_numbers: Array | None = None  # (1 + walls, 7) of pairs, of walls, if some have a state
     wall_first_face: Ids | None = None  # (walls,) of a mesh among all
     face_place: Array | None = None  # (3 faces, 3) corners of all meshes, from their walls' places
@@ -244,6 +246,16 @@ class Model:
         )
 
     @property
+    def rolls(self) -> bool:
+        """Whether contacts resist rolling or twisting."""
+        return any(x.rolling_friction > 0.0 or x.twisting_friction > 0.0 for x in self._sides)
+
+    @property
+    def _sides(self) -> list[Contact | Wall]:
+        """What has numbers of its own for rolling."""
+        return [*([] if self.contact is None else [self.contact]), *self.walls]
+
+    @property
     def touch(self) -> Touch:
         """What contacts have."""
         assert self.contact is not None
@@ -253,6 +265,7 @@ class Model:
             ages=self.ages,
             bounces=self.contact.bounces,
             damps=self.contact.damping_ratio > 0.0,
+            rolls=self.rolls,
             is_periodic=self.contact_period is not None,
         )
 
@@ -394,7 +407,7 @@ def state_arrays(
             state["contact_box_work"] = np.zeros(rows)
         if model.contact.restitution < 1.0:
             state["restitution_energy"] = np.zeros(rows)
-        if model.rubs:
+        if model.rubs or model.rolls:
             state["slip_energy"] = np.zeros(rows)
         if model.walls:
             walls = len(model.walls)
@@ -414,6 +427,8 @@ def state_arrays(
                 state["wall_spring"] = np.zeros((walls, rows, f.dim))
             if model.ages:
                 state["wall_theta"] = np.zeros((walls, rows))
+            if model.rolls:
+                state["wall_roll"] = np.zeros((walls, rows, spins))
             if model.touch.bounces:
                 state["wall_opened"] = np.zeros((walls, rows), dtype=np.int32)
             if model.touch.damps:
@@ -1513,6 +1528,8 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
             for b in bodies
         ]
         model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
+    if model.features.dim == 2 and any(x.twisting_friction > 0.0 for x in model._sides):
+        raise InputError("in the plane nothing twists; leave twisting_friction out.")
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle
@@ -1588,6 +1605,9 @@ def _add_walls(model: Model) -> None:
     """Walls' shapes as the device knows them."""
     walls, dim = model.walls, model.features.dim
     model.wall_friction = np.array([coulomb(w.friction) for w in walls])
+    if model.rolls:
+        model.wall_rolling = np.array([w.rolling_friction for w in walls])
+        model.wall_twisting = np.array([w.twisting_friction for w in walls])
     model.wall_kind = np.zeros(len(walls), dtype=np.int32)
     model.wall_shape = np.zeros((len(walls), SHAPE_NUMBERS))
     first, corners = np.zeros(len(walls), dtype=np.int32), [np.zeros((0, 3))]

@@ -23,7 +23,7 @@ ROOM = 1.3  # of the list's memory over what it needs when it is made
 SPARE = 4  # neighbours that a row may have more of than in the last list, before it is sought twice
 FARTHEST = 1e8  # places over the size of a cell that the grid can count
 MOST = {2: 1024, 3: 128}  # cells along an axis; they wrap round
-HISTORY = ("debt", "spring", "theta", "dashpot")  # of a pair, which goes over to a new list
+HISTORY = ("debt", "spring", "theta", "dashpot", "roll")  # of a pair, which goes over to a new list
 PER_ROW = 4  # cells for an element at most
 
 
@@ -34,8 +34,8 @@ class Neighbours:
     The arrays it makes live among those of the step: `contact_start` (m + 1,), the rows of the
     elements that may touch; over the rows' entries `contact_neighbour`, `contact_reference` (from
     element to neighbour in the reference state), `contact_debt`, `contact_impulse`, and, where they
-    are asked for, `contact_spring`, `contact_theta`, `contact_dashpot` and `contact_opened`. They
-    grow as the list does.
+    are asked for, `contact_spring`, `contact_theta`, `contact_dashpot`,
+    `contact_roll` and `contact_opened`. They grow as the list does.
     """
 
     def __init__(
@@ -229,6 +229,8 @@ class Neighbours:
             self._new("contact_theta", most, wp.float64)
         if self._touch.damps:
             self._new("contact_dashpot", most, self._s.real)
+        if self._touch.rolls:
+            self._new("contact_roll", (1 if dim == 2 else 3) * most, self._s.real)
         if self._touch.bounces:
             self._new("contact_opened", most, wp.int32)
 

@@ -496,6 +496,8 @@ class Scene:
         skin: float = 0.5,
         law: str = "linear",
         restitution_by: str = "opening",
+        rolling_friction: float = 0.0,
+        twisting_friction: float = 0.0,
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
@@ -508,6 +510,9 @@ class Scene:
         restitution_by: "opening" takes what restitution asks for where a contact opens, at any
         time step, and nothing while it lasts; "dashpot" takes it while the contact lasts, by a
         dashpot that never pulls, so that heaps come to rest, and needs a restitution above 0.
+        rolling_friction: the greatest moment against rolling over R N, N being the normal force and
+        1/R the sum of both curvatures, as elements that are not round would bear it;
+        twisting_friction: likewise about the normal, in space. Springs act below both.
 
         Pairs that a bond joined close and rub on their own face until they have parted.
         """
@@ -522,7 +527,11 @@ class Scene:
                 f"restitution is {e:g}; dashpots that give it would need ever smaller time steps: "
                 f"give {LEAST_DASHPOT:g} to 1, or restitution_by='opening'."
             )
-        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law, restitution_by)
+        self.contacts = Contact(
+            mu, e, float(positive("skin", skin, ())), law, restitution_by,
+            _share("rolling_friction", rolling_friction),
+            _share("twisting_friction", twisting_friction),
+        )  # fmt: skip
 
     def wall(
         self,
@@ -534,11 +543,14 @@ class Scene:
         pivot: ArrayLike | None = None,
         angle: ArrayLike | None = None,
         path: Path | tuple[ArrayLike, ArrayLike] | None = None,
+        rolling_friction: float | None = None,
+        twisting_friction: float | None = None,
     ) -> Wall:
         """A rigid wall that elements touch: a plane by a point [m] and the normal of the side that
         they are on, or a shape of `warpdem.wall`.
 
-        friction: by default that of `contact`, which a scene with walls needs; velocity [m/s] and
+        friction, rolling_friction, twisting_friction: by default those of `contact`, which a scene
+        with walls needs; velocity [m/s] and
         spin [rad/s], (1,) in the plane or (3,): the wall's own, by default none; pivot [m]: the
         point it turns about, which moves with it, by default the shape's centre; angle [rad]: a
         rotation vector by which it is turned at the start. path: a function of time [s], or
@@ -564,6 +576,11 @@ class Scene:
             hint = "; in the plane take a Sphere or a Box" * isinstance(shape, Cylinder | Mesh)
             raise InputError(f"the wall's shape has dimension {len(shape.place)}, not {dim}{hint}.")
         mu = self.contacts.friction if friction is None else checked_friction(friction)
+
+        def own(name: str, given: float | None) -> float:
+            share: float = getattr(self.contacts, name)
+            return share if given is None else _share(name, given)
+
         wall = Wall(
             shape,
             mu,
@@ -571,6 +588,8 @@ class Scene:
             np.zeros(spins) if spin is None else finite("spin", np.atleast_1d(spin), (spins,)),
             shape.place if pivot is None else finite("pivot", pivot, (dim,)),
             np.zeros(spins) if angle is None else finite("angle", np.atleast_1d(angle), (spins,)),
+            own("rolling_friction", rolling_friction),
+            own("twisting_friction", twisting_friction),
             _path(path, dim + spins),
         )
         self.walls.append(wall)
@@ -751,6 +770,14 @@ class Scene:
             wrong = ", ".join(map(str, np.unique(chosen[bad])[:5]))
             raise InputError(f"selected ids {wrong} lie outside 0..{n - 1}.")
         return chosen.astype(np.int64)
+
+
+def _share(name: str, given: float) -> float:
+    """A number that is not negative."""
+    value = float(finite(name, given, ()))
+    if value < 0.0:
+        raise InputError(f"{name} is {value:g}; give 0 or more.")
+    return value
 
 
 def _strain(strain: ArrayLike, dim: int) -> Array:

@@ -125,13 +125,16 @@ def bound_contact(model: Model) -> float:
         return 0.0
     dim, own = model.features.dim, model.contact_elements
     radius = _of(model.contact_radius)[own]
-    normal, shear = _contact_stiffness(model)
+    normal, along = _contact_stiffness(model)
+    shear = along if model.rubs else np.zeros(len(own))
     around = 12 if dim == 3 else 6
     moving = model.inverse_mass[own].max(axis=1)
     root = (inverse_inertia_root(model)[own] ** 2).max(axis=(1, 2))
     pushed = around / dim * (normal + (dim - 1) * shear) * moving
     across = 1.0 if dim == 2 else 2.0 / 3.0
     turned = around * across * shear * radius**2 * root
+    if model.rolls:  # k_t R^2, R of rolling on an equal or on a wall
+        turned += around * along * (radius if model.walls else 0.5 * radius) ** 2 * root
     return float(np.sqrt(2.0 * (pushed + turned).max(initial=0.0)))
 
 
@@ -163,8 +166,7 @@ def _contact_stiffness(model: Model) -> tuple[Array, Array]:
     if model.contact is not None and model.contact.is_hertz:
         # 2 E* sqrt(R d): of like spheres R/2 and twice the overlap, so half of that of a wall
         normal = 2.0 * half * radius * np.sqrt(HERTZ_OVERLAP) / _of(model.contact_compliance)[own]
-    shear = half * area / _of(model.contact_shear)[own] if model.rubs else np.zeros(len(own))
-    return normal, shear
+    return normal, half * area / _of(model.contact_shear)[own]
 
 
 def bound_damping(model: Model) -> float:

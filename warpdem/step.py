@@ -96,6 +96,7 @@ OPTIONAL = frozenset(
         *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         *("restitution_energy", "contact_dashpot", "wall_dashpot"),
+        *("contact_roll", "wall_roll", "wall_rolling", "wall_twisting"),
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
         *("healing_weight", "healing_strength"),
         *("wall_mesh", "wall_first_face", "face_place", "wall_opened", "wall_spring"),
@@ -544,13 +545,14 @@ class Step:
         law, on_walls = contact_forces(s, k, touch), wall_forces(s, k, kinds, touch)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         mu, both = coulomb(m.contact.friction), []
+        own = {"rolling": m.contact.rolling_friction, "twisting": m.contact.twisting_friction}
         # at the end of a step the box is where it was to go, but else where it was before
         after = {"contact_box_after": self.arrays.get("contact_box")}
         still = {"contact_box": self.arrays.get("contact_box_before")}
         # at given places nothing moves that a dashpot would resist
         for dt, damping, sides in ((self.dt, m.contact.damping_ratio, {}), (0.0, 0.0, still)):
             numbers = {"dt": dt, "damping": damping, **place}
-            passes = [self._bind(law, rows, friction=mu, **numbers, **sides)]
+            passes = [self._bind(law, rows, friction=mu, **own, **numbers, **sides)]
             if walls:
                 passes.append(self._bind(on_walls, rows, **numbers, **given))
             both.append(self._passes(passes))

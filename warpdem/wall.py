@@ -132,6 +132,8 @@ class Wall:
     spin: Array  # [rad/s]
     pivot: Array  # the point that `spin`, `angle` and a path turn the shape about [m]
     angle: Array  # turn at the start
+    rolling_friction: float = 0.0
+    twisting_friction: float = 0.0
     path: Path | None = None
     steering: Steering | None = field(default=None, repr=False)
 

@@ -29,6 +29,7 @@ class Touch(NamedTuple):
     ages: bool = False  # some friction has a state, that of rate and state
     bounces: bool = False  # restitution takes its share where they open
     damps: bool = False  # dashpots act while they last
+    rolls: bool = False  # rolling, or twisting in space, is resisted
     is_periodic: bool = False
 
 
@@ -119,7 +120,64 @@ def contact(s: Laws, ages: bool = False) -> Laws:
         taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
         return after, aged, taken
 
-    return Laws(area=area, half_turn=half_turn, rub=rub)
+    if s.dim == 2:
+
+        @wp.func
+        def rolled_plane(
+            spring: spin,
+            before: vec,
+            n: vec,
+            wa: spin,
+            wb: spin,
+            radius: real,
+            stiffness: real,
+            pull: real,
+            rolling: real,
+            twisting: real,
+            dt: real,
+        ):
+            """In the plane nothing twists."""
+            limit = -rolling * pull / stiffness
+            trial = spring + radius * dt * (wb - wa)
+            after = wp.clamp(trial, -limit, limit)
+            return after, real(0.5) * stiffness * (spring + after) * (trial - after)
+
+        return Laws(area=area, half_turn=half_turn, rub=rub, rolled=rolled_plane)
+
+    @wp.func
+    def rolled(
+        spring: spin,
+        before: vec,
+        n: vec,
+        wa: spin,
+        wb: spin,
+        radius: real,
+        stiffness: real,
+        pull: real,
+        rolling: real,
+        twisting: real,
+        dt: real,
+    ):
+        """Spring of rolling, across n, and twisting, along it, after a step [m], and what was
+        taken [J]: an elastic and plastic one each (Ai et al. 2011, model C).
+
+        It grows by the turn of b against a times the radius of rolling, 1/R = 1/R_a + 1/R_b; times
+        k_t R it is the moment on a, held to `rolling` R N and `twisting` R N.
+        """
+        mean = real(0.5) * (half_turn(wa, dt) + half_turn(wb, dt))
+        along = wp.dot(spring, before)
+        across = carried(spring - along * before, before, n, mean)
+        growth = radius * dt * (wb - wa)
+        more = wp.dot(growth, n)
+        trial = across + growth - more * n
+        after = holding.slid(trial, -rolling * pull / stiffness)
+        limit = -twisting * pull / stiffness
+        twist = wp.clamp(along + more, -limit, limit)
+        taken = wp.dot(across + after, trial - after)
+        taken += (along + twist) * (along + more - twist)
+        return after + twist * n, real(0.5) * stiffness * taken
+
+    return Laws(area=area, half_turn=half_turn, rub=rub, rolled=rolled)
 
 
 @cache
@@ -364,6 +422,7 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
         contact_debt: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
         contact_dashpot: wp.array(dtype=real),
+        contact_roll: wp.array(dtype=real),
         contact_spring: wp.array(dtype=real),
         contact_theta: wp.array(dtype=wp.float64),
         slip_energy: wp.array(dtype=wp.float64),
@@ -375,6 +434,8 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
         end_torque: wp.array(dtype=real),
         friction: real,
         damping: real,
+        rolling: real,
+        twisting: real,
         dt: place,
         first_place: int,
     ):
@@ -446,12 +507,25 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
                 arm = arm_b
                 if i == a:
                     arm = arm_a
-                if wp.static(touch.rubs):
+                if wp.static(touch.rubs or touch.rolls):
                     shear = geometry.load_stiffness(
                         a, b, contact_radius, contact_width, contact_shear
                     )
                     wa = s.load_spin(angular_velocity, a)
                     wb = s.load_spin(angular_velocity, b)
+                if wp.static(touch.rolls):
+                    radius = share * real(contact_radius[b])
+                    roll, worn = law.rolled(
+                        s.load_spin(contact_roll, e), nb, n, wa, wb, radius, shear, pull, rolling,
+                        twisting, real(dt),
+                    )  # fmt: skip
+                    s.store_spin(contact_roll, e, roll)
+                    slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(worn)
+                    couple = (shear * radius) * roll
+                    if i != a:
+                        couple = -couple
+                    torque += couple
+                if wp.static(touch.rubs):
                     theta = wp.float64(0.0)
                     if wp.static(touch.ages):
                         theta = contact_theta[e]
@@ -504,6 +578,7 @@ def contact_energies(s: Laws, k: Laws, touch: Touch):
         contact_box: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
         contact_spring: wp.array(dtype=real),
+        contact_roll: wp.array(dtype=real),
         # written
         contact_energy: wp.array(dtype=real),
     ):
@@ -522,10 +597,14 @@ def contact_energies(s: Laws, k: Laws, touch: Touch):
                     i, j, contact_radius, contact_width, contact_compliance
                 )
                 energy += real(0.5) * spring_law.energy(stiffness, gap)
-                if wp.static(touch.rubs):
+                if wp.static(touch.rubs or touch.rolls):
                     shear = geometry.load_stiffness(
                         i, j, contact_radius, contact_width, contact_shear
                     )
+                if wp.static(touch.rolls):
+                    roll = s.load_spin(contact_roll, e)
+                    energy += real(0.25) * shear * s.spin_squared(roll)
+                if wp.static(touch.rubs):
                     spring = s.load(contact_spring, e)
                     energy += real(0.25) * shear * wp.dot(spring, spring)
         contact_energy[t] = energy

@@ -354,6 +354,7 @@ def carry_over(s: Laws, touch: Touch):
         old_spring: wp.array(dtype=real),
         old_theta: wp.array(dtype=wp.float64),
         old_dashpot: wp.array(dtype=real),
+        old_roll: wp.array(dtype=real),
         # written
         contact_impulse: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
@@ -361,6 +362,7 @@ def carry_over(s: Laws, touch: Touch):
         contact_spring: wp.array(dtype=real),
         contact_theta: wp.array(dtype=wp.float64),
         contact_dashpot: wp.array(dtype=real),
+        contact_roll: wp.array(dtype=real),
     ):
         t = wp.tid()
         at = old_start[t]
@@ -376,6 +378,7 @@ def carry_over(s: Laws, touch: Touch):
             spring = s.vec()
             theta = wp.float64(0.0)
             dashpot = real(0.0)
+            roll = s.no_spin()
             if known:
                 debt = old_debt[at]
                 if wp.static(touch.rubs):
@@ -384,6 +387,8 @@ def carry_over(s: Laws, touch: Touch):
                     theta = old_theta[at]
                 if wp.static(touch.damps):
                     dashpot = old_dashpot[at]
+                if wp.static(touch.rolls):
+                    roll = s.load_spin(old_roll, at)
             contact_debt[e] = debt
             contact_impulse[e] = real(0.0)
             if wp.static(touch.bounces):
@@ -394,5 +399,7 @@ def carry_over(s: Laws, touch: Touch):
                 contact_theta[e] = theta
             if wp.static(touch.damps):
                 contact_dashpot[e] = dashpot
+            if wp.static(touch.rolls):
+                s.store_spin(contact_roll, e, roll)
 
     return kernel(carry_over, simd=False)

@@ -257,6 +257,8 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
         wall_first_face: wp.array(dtype=int),
         face_place: wp.array(dtype=wp.float64),
         wall_friction: wp.array(dtype=real),
+        wall_rolling: wp.array(dtype=real),
+        wall_twisting: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
         wall_place: wp.array(dtype=wp.float64),
@@ -274,6 +276,7 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
         wall_debt: wp.array(dtype=real),
         wall_opened: wp.array(dtype=int),
         wall_dashpot: wp.array(dtype=real),
+        wall_roll: wp.array(dtype=real),
         wall_spring: wp.array(dtype=real),
         wall_theta: wp.array(dtype=wp.float64),
         wall_reaction: wp.array(dtype=real),
@@ -353,8 +356,20 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
                     f = -pull * n
                     f_before -= last * nb
                 arm = real(d)
-                if wp.static(touch.rubs):
+                if wp.static(touch.rubs or touch.rolls):
                     shear = wide / contact_shear[i]
+                if wp.static(touch.rolls):
+                    old_roll = s.load_spin(wall_roll, e)
+                    roll, worn = law.rolled(
+                        old_roll, nb, n, ww, wi, real(radius), shear, pull, wall_rolling[w],
+                        wall_twisting[w], dt,
+                    )  # fmt: skip
+                    s.store_spin(wall_roll, e, roll)
+                    slip_energy[t] = slip_energy[t] + double(worn)
+                    twist = (-shear * real(radius)) * roll
+                    turning = twist - (shear * real(radius)) * old_roll
+                    torque += twist
+                if wp.static(touch.rubs):
                     old = s.load(wall_spring, e)
                     # from the wall, a, to the element, b, whose arms end where they touch
                     theta = double(0.0)
@@ -370,9 +385,10 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
                     f -= shear * spring
                     f_before -= shear * old
                     slip_energy[t] = slip_energy[t] + double(taken)
-                    twist = arm * s.cross(n, shear * spring)
-                    turning = twist + real(d_before) * s.cross(nb, shear * old)
-                    torque += twist
+                    rubbed = arm * s.cross(n, shear * spring)
+                    twist += rubbed
+                    turning += rubbed + real(d_before) * s.cross(nb, shear * old)
+                    torque += rubbed
                 force += f
                 moment -= arm * wp.outer(s.embed(n), s.embed(f))
                 done = real(0.5) * wp.dot(f + f_before, carried) + s.spin_dot(turning, half)
@@ -411,6 +427,7 @@ def wall_energies(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
         wall_turn: wp.array(dtype=wp.float64),
         displacement: wp.array(dtype=k.real),
         wall_spring: wp.array(dtype=real),
+        wall_roll: wp.array(dtype=real),
         # written
         contact_energy: wp.array(dtype=real),
         rows: int,
@@ -430,6 +447,9 @@ def wall_energies(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
             if d < radius:
                 stiffness = spring_law.against_wall(real(radius), wide, contact_compliance[i])
                 energy += spring_law.energy(stiffness, real(d - radius))
+                if wp.static(touch.rolls):
+                    roll = s.load_spin(wall_roll, w * rows + t)
+                    energy += real(0.5) * wide / contact_shear[i] * s.spin_squared(roll)
                 if wp.static(touch.rubs):
                     spring = s.load(wall_spring, w * rows + t)
                     energy += real(0.5) * wide / contact_shear[i] * wp.dot(spring, spring)
