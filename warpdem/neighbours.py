@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from .errors import Array, InputError, NonFiniteError, first_ids
 from .kernels.algebra import Laws
+from .kernels.contact import hand_over
 from .kernels.neighbours import (
     carry_over,
     find_neighbours,
@@ -119,7 +120,7 @@ class Neighbours:
         if self._has_parting:
             given = (
                 *("listed_bonds", "bond_i", "bond_j", "contact_position", "contact_radius"),
-                *("displacement", "bond_linked", "closing_gap", "listed_image"),
+                *("displacement", "bond_linked", "listed_image", "closing_gap"),
             )
             inputs = [*(a.get(name) for name in given), a["closing_stiffness"]]
             inputs += [self.skin, self._edges]
@@ -144,8 +145,22 @@ class Neighbours:
         inputs += [*(old.get(x) for x in HISTORY), a["contact_impulse"], a.get("contact_opened")]
         inputs += [a.get("contact_" + x) for x in HISTORY]
         self._launch(carry_over(self._s, self._touch), inputs)
+        if self._has_parting:
+            self._hand_over()
         self.builds += 1
         return grows
+
+    def _hand_over(self) -> None:
+        """Give pairs that have parted just now their debts."""
+        a, contact = self._arrays, self._model.contact
+        assert contact is not None
+        own = "elements", "start", "neighbour", "reference", "image", "radius", "width"
+        inputs: list[Any] = [a.get("contact_" + x) for x in (*own, "compliance")]
+        names = "bonded_start", "bonded", "bonded_listed", "bond_j", "listed_bonds"
+        inputs += [a[x] for x in names]
+        inputs += [a.get("contact_box"), a["displacement"], a["closing_gap"], a["closing_debt"]]
+        law = hand_over(self._s, self._k, contact.is_hertz, self._is_periodic)
+        self._launch(law, [*inputs, a["contact_debt"], self._model.own_elements])
 
     def _find(self) -> None:
         """Note the neighbours of each element; a second time, with more room, where some have many

@@ -157,6 +157,7 @@ class Simulation:
         self._past_books = {"plastic": 0.0, "work": 0.0, "renewal": 0.0}
         self.renewals: list[Renewal] = []
         self._told_of_faces = False
+        self._told_of_speed = False
         self._check_speed(InputError)
         self._step.evaluate_forces()
         self._step.remember_springs()
@@ -863,21 +864,52 @@ class Simulation:
             )
 
     def _check_speed(self, error: type[Exception]) -> None:
-        """Refuse elements that would pass through others within a step."""
+        """Refuse elements that would pass through others, or through a wall, within a step."""
         m = self.model
         if m.contact_elements is None or m.contact_radius is None:
             return
         own = m.contact_elements
         v = self._step.download("velocity").astype(np.float64)[own]
-        mean = np.average(v, axis=0, weights=m.mass[own])
-        least = float(m.contact_radius[own].min())
-        far = np.linalg.norm(v - mean, axis=1) * self.dt
+        speed = v - np.average(v, axis=0, weights=m.mass[own])
+        self._refuse_fast(speed, "others", error)
+        self._tell_of_speed(speed)
+        x = m.position[own] + self._step.download("displacement")[own]
+        for row, wall in enumerate(m.walls):
+            by_wall = wall.motion(x, self.time, self.dt, self._step.wall_way[row]) / self.dt
+            self._refuse_fast(v - by_wall, f"wall {row}", error)
+
+    def _tell_of_speed(self, speed: Array) -> None:
+        """Warn, once, of elements faster than waves, which contact may be too soft to stop."""
+        m = self.model
+        if self._told_of_speed or m.contact_elements is None:
+            return
+        bodies = self.scene.bodies
+        wave = np.concatenate([np.sqrt(b.pressure_modulus / b.density) for b in bodies])
+        share = np.linalg.norm(speed, axis=1) / wave[m.contact_elements]
+        if share.max() > 1.0:
+            self._told_of_speed = True
+            fast = np.zeros(m.elements, dtype=bool)
+            fast[m.contact_elements] = share > 1.0
+            warnings.warn(
+                f"elements {first_ids(fast)} move at up to {share.max():.3g} times the speed of "
+                "waves in them; the springs of contact may be too soft to stop them, so that they "
+                "pass through others.",
+                ModelWarning,
+                stacklevel=4,
+            )
+
+    def _refuse_fast(self, speed: Array, what: str, error: type[Exception]) -> None:
+        """Refuse elements that move against something by more than half the least radius."""
+        m = self.model
+        assert m.contact_elements is not None and m.contact_radius is not None
+        least = float(m.contact_radius[m.contact_elements].min())
+        far = np.linalg.norm(speed, axis=1) * self.dt
         if far.max() > 0.5 * least:
             fast = np.zeros(m.elements, dtype=bool)
-            fast[own] = far > 0.5 * least
+            fast[m.contact_elements] = far > 0.5 * least
             raise error(
                 f"elements {first_ids(fast)} move by up to {far.max():.3g} m in a step, more than "
-                f"half the least radius, {least:.3g} m, and would pass through others; take dt "
+                f"half the least radius, {least:.3g} m, and would pass through {what}; take dt "
                 f"below {0.5 * least / far.max() * self.dt:.3g} s."
             )
 

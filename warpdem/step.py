@@ -92,7 +92,8 @@ OPTIONAL = frozenset(
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
-        *("contact_image", "contact_box", "contact_box_before", "contact_box_after"),
+        *("any_moved", "contact_radius", "contact_width", "contact_compliance", "contact_image"),
+        *("contact_box", "contact_box_before", "contact_box_after"),
         *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         *("restitution_energy", "contact_dashpot", "wall_dashpot"),
@@ -955,11 +956,21 @@ class Step:
             friction = HOLDS
         ages = m.faces_rub and m.ages and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, ages),
+            facet_closing(s, k, f.faces, m.faces_rub, ages, self._touch_law),
             evm_closing(s, k, f.faces.has_slip, m.faces_rub, ages),
+            own_elements=m.own_elements,
             slack=self._slack,
             friction=friction,
             dt=dt,
+        )
+
+    @property
+    def _touch_law(self) -> str | None:
+        """By which law elements touch, or None."""
+        return (
+            None
+            if self.neighbours is None or self.model.contact is None
+            else (self.model.contact.law)
         )
 
     def _over_listed(
@@ -990,8 +1001,11 @@ class Step:
         if m.listed_bonds is not None and "closing_energy" not in self.arrays:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
-            facet_closing_energies(s, k, m.features.faces, m.faces_rub, self._simd),
+            facet_closing_energies(
+                s, k, m.features.faces, m.faces_rub, self._touch_law, self._simd
+            ),
             evm_closing_energies(s, k, m.features.faces.has_slip, m.faces_rub, self._simd),
+            own_elements=m.own_elements,
         )
 
     def _move(

@@ -163,6 +163,16 @@ class Wall:
         turn = compose(turn, rotation(self.angle))
         return self.pivot + moved + rotated(turn, self.shape.place - self.pivot), turn
 
+    def motion(self, position: Array, time: float, dt: float, way: float = 0.0) -> Array:
+        """How far its material at these places [m], (n, dim), moves in a step [m], (n, dim).
+
+        way: as of `pose`; what a steered wall goes in the step is left out.
+        """
+        (before, turn), (after, turned) = (self.pose(t, way) for t in (time, time + dt))
+        back = np.append(-turn[:-1], turn[-1])
+        arm = np.asarray(position) - before
+        return after + rotated(turned, rotated(back, arm)) - before - arm
+
 
 def rotation(vector: Array) -> Array:
     """Rotation by a vector [rad]: quaternion (x, y, z, w), in the plane (sin, cos) of the half."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import warp as wp
 
 from .algebra import Laws, narrow
-from .closing import closing
+from .closing import PARTED, closing
 from .friction import friction as friction_law
 from .memory import kernel, nn
 
@@ -610,6 +610,67 @@ def contact_energies(s: Laws, k: Laws, touch: Touch):
         contact_energy[t] = energy
 
     return kernel(contact_energies, simd=False)
+
+
+@cache
+def hand_over(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False):
+    """Pass over elements that may touch: pairs that have just parted owe what they owed as faces.
+
+    Faces of a node become spheres at once, and owe the energy of these where they overlap.
+    """
+    real, place, geometry = s.real, k.real, pair(s, k, is_hertz, is_periodic)
+    spring_law = pressing(s, is_hertz)
+
+    def hand_over(
+        # model
+        contact_elements: wp.array(dtype=int),
+        contact_start: wp.array(dtype=int),
+        contact_neighbour: wp.array(dtype=int),
+        contact_reference: wp.array(dtype=place),
+        contact_image: wp.array(dtype=int),
+        contact_radius: wp.array(dtype=place),
+        contact_width: wp.array(dtype=real),
+        contact_compliance: wp.array(dtype=real),
+        bonded_start: wp.array(dtype=int),
+        bonded: wp.array(dtype=int),
+        bonded_listed: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        listed_bonds: wp.array(dtype=int),
+        # state read
+        contact_box: wp.array(dtype=place),
+        displacement: wp.array(dtype=place),
+        closing_gap: wp.array(dtype=real),
+        closing_debt: wp.array(dtype=real),
+        # written
+        contact_debt: wp.array(dtype=real),
+        own_elements: int,
+    ):
+        t = wp.tid()
+        i = contact_elements[t]
+        for n in range(bonded_start[t], bonded_start[t + 1]):
+            listed = wp.max(bonded_listed[n], 0)
+            if bonded_listed[n] >= 0 and closing_gap[listed] == real(PARTED):
+                j = bonded[n]
+                for e in range(contact_start[t], contact_start[t + 1]):
+                    if contact_neighbour[e] == j:
+                        d = geometry.load_distance(
+                            e, i, j, contact_reference, contact_image, contact_box, displacement
+                        )
+                        _n, r = geometry.normal(d)
+                        gap = real(r - (contact_radius[i] + contact_radius[j]))
+                        stiffness = geometry.load_normal_stiffness(
+                            wp.min(i, j),
+                            wp.max(i, j),
+                            contact_radius,
+                            contact_width,
+                            contact_compliance,
+                        )
+                        held = spring_law.energy(stiffness, gap)
+                        if bond_j[listed_bonds[listed]] < own_elements:
+                            held = real(0.0)  # which it held already
+                        contact_debt[e] = closing_debt[listed] + held
+
+    return kernel(hand_over, simd=False)
 
 
 @cache

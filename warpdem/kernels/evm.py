@@ -437,13 +437,13 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool):
                 )  # fmt: skip
                 is_new = closing_gap[t] >= real(UNKNOWN)
                 hold = rubbing.rub(
-                    t, delta, x.d, pull, is_new, nn(bond_i[b]), nn(bond_j[b]), orientation,
-                    friction, 0, friction_numbers, closing_shear, closing_slip, closing_spring,
-                    closing_theta, closing_slip_energy, dt,
+                    t, delta, x.d, pull, is_new, nn(bond_i[b]), orientation, friction, 0,
+                    friction_numbers, closing_shear, closing_slip, closing_spring, closing_theta,
+                    closing_slip_energy, dt,
                 )  # fmt: skip
                 f += hold
-                ti += s.cross(ci + real(0.5) * delta, hold)
-                tj -= s.cross(cj - real(0.5) * delta, hold)
+                ti += s.cross(ci + delta, hold)
+                tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap

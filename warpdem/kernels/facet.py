@@ -9,11 +9,16 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
-from .closing import UNKNOWN, closing
+from .closing import TURNED, UNKNOWN, closing
+from .contact import pair, pressing
 from .face import Faces, face
 from .friction import face_friction
 from .memory import kernel, nn
 from .volume import volume
+
+# cosines of the turn of two faces against each other up to which they resist closing wholly, and
+# from which on they do not at all (30 and 75 degrees)
+MEET, MISS = 0.8660254, 0.2588190
 
 
 @cache
@@ -47,36 +52,35 @@ def facet(s: Laws) -> Laws:
         return stiffness * delta
 
     @wp.func
-    def carried_normal(p: vec, m: vec):
-        """Direction N along which a closing pair is measured, and what its length grows by.
-
-        N = w h, h = p + m, w = 1/|h| up to a relative turn of 120 degrees, and beyond the tangent
-        to that in |h|^2: elements that turn over against each other pass h = 0, where there is no
-        normal, with no force, and not with a jump. dN = w dh + 2 w' (h.dh) h; returned are N, w
-        and w'.
-        """
-        h = p + m
-        x = wp.dot(h, h)
-        inverse = real(1.0) / wp.sqrt(wp.max(x, real(1.0)))
-        w = inverse + wp.max(real(0.5) - real(0.5) * x, real(0.0))
-        slope = real(-0.5) * inverse * inverse * inverse
-        return w * h, w, slope
-
-    @wp.func
     def gap(delta: vec, p: vec, m: vec) -> real:
         """Opening along the mean of the normals that both elements carry [m]."""
-        n, _w, _slope = carried_normal(p, m)
-        return wp.dot(delta, n)
+        return wp.dot(delta, wp.normalize(p + m))
 
     @wp.func
-    def closing_force(pull: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec):
-        """Force on i and torques of a pull along n, the turning of n included."""
-        n, w, slope = carried_normal(p, m)
-        h = p + m
-        slip = w * delta + real(2.0) * slope * wp.dot(delta, h) * h
+    def meeting(p: vec, m: vec):
+        """Share of two faces that meet, in c = p.m, and its derivative: 1 until they have turned
+        away from each other, then falling smoothly to 0."""
+        x = (wp.dot(p, m) - real(MISS)) / real(wp.static(MEET - MISS))
+        x = wp.clamp(x, real(0.0), real(1.0))
+        slope = real(wp.static(6.0 / (MEET - MISS))) * x * (real(1.0) - x)
+        return x * x * (real(3.0) - real(2.0) * x), slope
+
+    @wp.func
+    def closing_force(
+        pull: real, held: real, slope: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec
+    ):
+        """Force on i and torques of a pull along n, the turning of n included.
+
+        held: energy of faces that meet wholly [J], slope: of the share that does.
+        """
+        n = wp.normalize(p + m)
+        # of elements that have turned over against each other there is no normal, and no pull
+        both = wp.max(wp.length(p + m), real(1.0e-6))
+        slip = (delta - wp.dot(delta, n) * n) / both
         f = pull * n
-        ti = s.cross(ci, f) - pull * s.cross(p, slip)
-        tj = -s.cross(cj, f) - pull * s.cross(m, slip)
+        away = (held * slope) * s.cross(p, m)
+        ti = s.cross(ci, f) - pull * s.cross(p, slip) - away
+        tj = -s.cross(cj, f) - pull * s.cross(m, slip) + away
         return f, ti, tj
 
     return Laws(
@@ -85,6 +89,7 @@ def facet(s: Laws) -> Laws:
         bending_torque=bending_torque,
         force=force,
         gap=gap,
+        meeting=meeting,
         closing_force=closing_force,
     )
 
@@ -165,12 +170,47 @@ def facet_forces(
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
+def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
+    """What two elements whose faces turn away from each other become: spheres, or nothing where
+    elements do not touch. touch: by which law they do, or None."""
+    real = s.real
+    geometry, law = pair(s, k, touch == "hertz"), pressing(s, touch == "hertz")
+
+    @wp.func
+    def load_sphere(
+        i: int,
+        j: int,
+        own_elements: int,
+        d: s.vec,
+        contact_radius: wp.array(dtype=k.real),
+        contact_width: wp.array(dtype=real),
+        contact_compliance: wp.array(dtype=real),
+    ):
+        """Force on i of both as spheres [N], d = x_j - x_i, and their energy [J]. A node is none;
+        the element beyond it is touched once the pair has parted."""
+        force = s.vec()
+        held = real(0.0)
+        if wp.static(touch is not None) and i < own_elements and j < own_elements:
+            r = wp.length(d)
+            gap = r - real(contact_radius[i] + contact_radius[j])
+            stiffness = geometry.load_normal_stiffness(
+                wp.min(i, j), wp.max(i, j), contact_radius, contact_width, contact_compliance
+            )
+            held = law.energy(stiffness, gap)
+            force = law.pull(stiffness, gap, real(0.0)) * wp.normalize(d)
+        return force, held
+
+    return Laws(load_sphere=load_sphere)
+
+
+@cache
+def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch: str | None):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
-    rubs: closed ones also resist sliding, as `friction.face_friction` has it. ages: as in
-    `contact.contact_forces`.
+    rubs: closed ones also resist sliding, as `friction.face_friction` has it. ages: as of
+    `contact.Touch`; touch: as in `turning`.
     """
+    turned_law = turning(s, k, touch)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
     rubbing = face_friction(s, k, ages)
 
@@ -184,6 +224,9 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
+        contact_radius: wp.array(dtype=k.real),
+        contact_width: wp.array(dtype=real),
+        contact_compliance: wp.array(dtype=real),
         # state read
         bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
@@ -195,6 +238,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
         closing_gap: wp.array(dtype=real),
         closing_debt: wp.array(dtype=real),
         any_crossed: wp.array(dtype=int),
+        any_moved: wp.array(dtype=int),
         closing_shear: wp.array(dtype=real),
         closing_slip: wp.array(dtype=k.real),
         closing_spring: wp.array(dtype=real),
@@ -203,6 +247,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
         slack: real,
         friction: real,
         dt: real,
+        own_elements: int,
     ):
         t = wp.tid()
         b = nn(listed[t])
@@ -212,20 +257,35 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
             )
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             gap = law.gap(delta, p, m)
-            pull = contact.pull(closing_stiffness[t], gap, slack)
-            f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
+            meets, slope = law.meeting(p, m)
+            stiffness = meets * closing_stiffness[t]
+            held = contact.energy(closing_stiffness[t], gap)
+            pull = contact.pull(stiffness, gap, slack)
+            aside = s.vec()
+            if meets < real(1.0) and closing_stiffness[t] != real(0.0):
+                push, other = turned_law.load_sphere(
+                    bond_i[b], bond_j[b], own_elements, ci + delta - cj,
+                    contact_radius, contact_width, contact_compliance,
+                )  # fmt: skip
+                aside = (real(1.0) - meets) * push
+                held -= other
+            f, ti, tj = law.closing_force(pull, held, slope, delta, ci, cj, p, m)
+            f += aside
             if wp.static(rubs):
                 is_new = closing_gap[t] >= real(UNKNOWN)
                 hold = rubbing.rub(
-                    t, delta, wp.normalize(p + m), pull, is_new, nn(bond_i[b]), nn(bond_j[b]),
-                    orientation, friction, 0, friction_numbers, closing_shear, closing_slip,
-                    closing_spring, closing_theta, closing_slip_energy, dt,
+                    t, delta, wp.normalize(p + m), pull, is_new, nn(bond_i[b]), orientation,
+                    friction, 0, friction_numbers, closing_shear, closing_slip, closing_spring,
+                    closing_theta, closing_slip_energy, dt,
                 )  # fmt: skip
                 f += hold
-                ti += s.cross(ci + real(0.5) * delta, hold)
-                tj -= s.cross(cj - real(0.5) * delta, hold)
+                ti += s.cross(ci + delta, hold)
+                tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
-            owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
+            owed = contact.left_over(stiffness, closing_gap[t], gap)
+            if meets == real(0.0) and closing_stiffness[t] != real(0.0):
+                gap = real(TURNED)
+                any_moved[0] = 1  # where there is a list, the pair belongs to it now
             closing_gap[t] = gap
             if owed != real(0.0):
                 closing_debt[t] = closing_debt[t] + owed
@@ -333,8 +393,11 @@ def facet_energies(
 
 
 @cache
-def facet_closing_energies(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True):
+def facet_closing_energies(
+    s: Laws, k: Laws, faces: Faces, rubs: bool, touch: str | None, simd: bool = True
+):
     """Per listed facet bond: the energy it holds, or would hold, unlinked [J]."""
+    turned_law = turning(s, k, touch)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
 
     def facet_closing_energies(
@@ -346,6 +409,9 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: boo
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         closing_shear: wp.array(dtype=real),
+        contact_radius: wp.array(dtype=k.real),
+        contact_width: wp.array(dtype=real),
+        contact_compliance: wp.array(dtype=real),
         # state read
         bond_slip: wp.array(dtype=k.real),
         closing_spring: wp.array(dtype=real),
@@ -353,14 +419,22 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: boo
         orientation: wp.array(dtype=k.real),
         # written
         closing_energy: wp.array(dtype=real),
+        own_elements: int,
     ):
         t = wp.tid()
         b = nn(listed[t])
-        delta, _ci, _cj = geometry.load_anchors(
+        delta, ci, cj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-        energy = contact.energy(closing_stiffness[t], law.gap(delta, p, m))
+        meets, _slope = law.meeting(p, m)
+        energy = meets * contact.energy(closing_stiffness[t], law.gap(delta, p, m))
+        if meets < real(1.0) and closing_stiffness[t] != real(0.0):
+            _push, other = turned_law.load_sphere(
+                bond_i[b], bond_j[b], own_elements, ci + delta - cj,
+                contact_radius, contact_width, contact_compliance,
+            )  # fmt: skip
+            energy += (real(1.0) - meets) * other
         if wp.static(rubs):
             energy += law.energy(closing_shear[t], s.load(closing_spring, t))
         closing_energy[t] = energy

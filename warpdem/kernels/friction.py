@@ -142,9 +142,8 @@ def friction(s: Laws, ages: bool) -> Laws:
 def face_friction(s: Laws, k: Laws, ages: bool) -> Laws:
     """Friction on the closed face of an unlinked pair: a spring along it from an anchor that slips.
 
-    How far the anchor has slipped is kept in the mean frame of both elements, with which the face
-    turns: so the spring grows by the motion of the points that touch, and by no rotation. Elements
-    that have turned against each other by 160 degrees and more lose their hold.
+    How far the anchor has slipped is kept in the frame of i. By the motion of j's point of the face
+    in that frame the spring grows, so its force acts there: at any other it would make energy.
     """
     real, vec, holding = s.real, s.vec, friction(s, ages)
     widened, narrowed = narrow(k, s), narrow(s, k)
@@ -157,7 +156,6 @@ def face_friction(s: Laws, k: Laws, ages: bool) -> Laws:
         pull: real,
         is_new: bool,
         i: int,
-        j: int,
         orientation: wp.array(dtype=k.real),
         mu: real,
         row: int,
@@ -174,13 +172,7 @@ def face_friction(s: Laws, k: Laws, ages: bool) -> Laws:
         pull: along n; a tension, which a frequency is found with, holds as a pressure; is_new:
         unlinked just now, so that nothing holds it yet.
         """
-        qi = k.load_rot(orientation, i)
-        qj = k.load_rot(orientation, j)
-        cosine = wp.dot(qi, qj)
-        # at a relative turn of pi the mean goes over to the other side: nothing is held there
-        frame = wp.normalize(qi + wp.where(cosine < k.real(0.0), k.real(-1.0), k.real(1.0)) * qj)
-        share = real(10.0) * real(wp.abs(cosine)) - real(0.5)
-        pressed = -wp.abs(pull) * wp.min(wp.max(share, real(0.0)), real(1.0))
+        frame = k.load_rot(orientation, i)
         shear = closing_shear[t]
         slip = k.load(closing_slip, t)
         before = s.load(closing_spring, t)
@@ -189,7 +181,9 @@ def face_friction(s: Laws, k: Laws, ages: bool) -> Laws:
         theta = wp.float64(0.0)
         if wp.static(ages):
             theta = closing_theta[t]
-        spring, theta = holding.held(trial, pressed, shear, mu, row, friction_numbers, theta, dt)
+        spring, theta = holding.held(
+            trial, -wp.abs(pull), shear, mu, row, friction_numbers, theta, dt
+        )
         taken = real(0.5) * shear * wp.dot(before + spring, trial - spring)
         if is_new:
             spring = vec()

@@ -12,7 +12,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
-from .closing import UNKNOWN
+from .closing import PARTED, TURNED, UNKNOWN
 from .contact import Touch
 from .memory import kernel, nn
 
@@ -142,10 +142,11 @@ def sort_places():
 
 @cache
 def part_pairs(s: Laws, k: Laws, is_periodic: bool):
-    """Pass over listed bonds: unlinked pairs that are out of each other's reach part for good.
+    """Pass over listed bonds: unlinked pairs that are out of each other's reach, or have turned
+    away from each other, part for good.
 
     Their faces have lost each other, so they have no closing stiffness any more, and touch as any
-    two elements do. Neither law holds energy then.
+    two elements do. Their own law holds no energy then.
     """
     real = s.real
 
@@ -157,9 +158,9 @@ def part_pairs(s: Laws, k: Laws, is_periodic: bool):
         contact_radius: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         bond_linked: wp.array(dtype=real),
-        closing_gap: wp.array(dtype=real),
         listed_image: wp.array(dtype=int),
         # written
+        closing_gap: wp.array(dtype=real),
         closing_stiffness: wp.array(dtype=real),
         skin: wp.float64,
         edges: wp.mat33d,
@@ -182,9 +183,11 @@ def part_pairs(s: Laws, k: Laws, is_periodic: bool):
         square = wp.dot(d, d)
         reach = wp.float64(contact_radius[i]) + wp.float64(contact_radius[j]) + skin
         gap = closing_gap[t]
-        is_open = gap > real(0.0) and gap < real(UNKNOWN)
-        if bond_linked[b] == real(0.0) and is_open and square > reach * reach:
+        lost = gap > real(0.0) and gap < real(UNKNOWN) and square > reach * reach
+        lost = lost or gap == real(TURNED)
+        if lost and bond_linked[b] == real(0.0) and closing_stiffness[t] != real(0.0):
             closing_stiffness[t] = real(0.0)
+            closing_gap[t] = real(PARTED)
 
     return kernel(part_pairs, simd=False)
 

@@ -16,6 +16,7 @@ from . import (  # noqa: F401  they register
     relink,
     rock,
     rolling,
+    search,
     visco,
     wall,
     waves,
