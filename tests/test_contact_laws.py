@@ -1,4 +1,4 @@
-"""Laws of contact: turned-over pairs, dashpots, rolling (theory B11)."""
+"""Laws of contact: turned-over pairs, dashpots, rolling, friction by materials (theory B11)."""
 
 import numpy as np
 import pytest
@@ -286,3 +286,66 @@ def test_bad_rolling_is_refused():
         scene.contact(rolling_friction=-1.0)
     with pytest.raises(wd.InputError, match="in the plane nothing twists"):
         heap(twisting_friction=0.1)
+
+
+OTHER = wd.Material(2.0, 0.2, 1.5)
+
+
+@pytest.mark.parametrize("bond", ["facet", "EVM"])
+def test_broken_faces_rub_by_their_material(bond):
+    # halves of one grid, cut and pressed together, of either material
+    p = wd.packing.square((2.0, 1.0), 1.0, "strain")
+    found = {}
+    for name, m in (("a", SOFT), ("b", OTHER)):
+        scene = wd.Scene()
+        kind = "facet" if bond == "facet" else wd.EVMBond(1.0, 1.0, 1.0)
+        body = scene.add(p, m, bond=kind, facet_bending=bond == "facet")
+        body.linked[:] = False
+        scene.add(ball(np.array([9.0, 9.0]), 0.5), OTHER if m is SOFT else SOFT)
+        scene.hold(body, [0])
+        scene.hold(body, [1], velocity=[0.0, 1e-3])
+        body.displacement[1, 0] = -1e-4
+        scene.contact(friction=0.1, pairs={(OTHER, OTHER): 0.6})
+        sim = wd.Simulation(scene, dt=0.01)
+        sim.run(steps=100)
+        x, f = sim.position, sim.force[1]
+        n = (x[1] - x[0]) / np.linalg.norm(x[1] - x[0])
+        if bond == "facet":
+            n = np.array([1.0, 0.0])
+        found[name] = np.linalg.norm(f - (f @ n) * n) / (f @ n)
+    assert found == pytest.approx({"a": 0.1, "b": 0.6}, rel=1e-9)
+
+
+def test_rate_and_state_of_one_material_on_a_wall():
+    law = wd.RateAndState(mu0=0.4, a=0.01, b=0.015, V0=1e-3, Dc=1e-2)
+    scene = wd.Scene()
+    for n, m in enumerate((SOFT, OTHER)):
+        body = scene.add(ball(np.array([3.0 * n, 0.499]), 0.5), m)
+        scene.hold(body, [0], velocity=[law.V0, 0.0])
+    scene.contact(friction=0.1)
+    wall = scene.wall([0.0, 0.0], [0.0, 1.0], friction={OTHER: law})
+    sim = wd.Simulation(scene, dt=0.05)
+    sim.run(until=60.0)
+    f = sim.force
+    assert -f[:, 0] / f[:, 1] == pytest.approx([0.1, 0.4], rel=1e-3)
+    assert sim.wall_force(wall) == pytest.approx(-f.sum(axis=0))
+
+
+def test_only_scenes_that_tell_materials_apart_have_tables():
+    names = {"contact_kind", "friction_table"}
+    assert not names & heap(friction=0.3)._step.arrays.keys()
+    assert names <= heap(pairs={(SOFT, SOFT): 0.3})._step.arrays.keys()
+
+
+def test_bad_pairs_are_refused():
+    scene = wd.Scene()
+    with pytest.raises(wd.InputError, match="give pairs of materials"):
+        scene.contact(pairs={SOFT: 0.3})
+    with pytest.raises(wd.InputError, match="two laws for one pair"):
+        scene.contact(pairs={(SOFT, OTHER): 0.3, (OTHER, SOFT): 0.4})
+    with pytest.raises(wd.InputError, match="which no body is of"):
+        heap(pairs={(SOFT, OTHER): 0.3})
+    scene.add(ball(np.zeros(2), 0.5), SOFT)
+    scene.contact()
+    with pytest.raises(wd.InputError, match="by materials"):
+        scene.wall([0.0, -1.0], [0.0, 1.0], friction={"steel": 0.3})

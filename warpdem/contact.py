@@ -1,13 +1,15 @@
 """What touches what without a bond: contact among elements, and radii (theory B11)."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from .errors import Array
-from .friction import Friction
+from .friction import Friction, rubs
+from .material import Material
 from .packing import Mask, Packing
 
 
@@ -22,11 +24,17 @@ class Contact:
     restitution_by: str = "opening"  # or "dashpot"
     rolling_friction: float = 0.0  # moment over that of the normal force about the rolling radius
     twisting_friction: float = 0.0  # likewise about the normal
+    pairs: Mapping[frozenset[Material], Friction] = field(default_factory=dict)
 
     @property
     def is_hertz(self) -> bool:
         """Whether elements touch as Hertz's spheres."""
         return self.law == "hertz"
+
+    @property
+    def rubs(self) -> bool:
+        """Whether some elements rub on each other."""
+        return any(rubs(law) for law in (self.friction, *self.pairs.values()))
 
     @property
     def bounces(self) -> bool:

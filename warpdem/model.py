@@ -18,13 +18,14 @@ from .criteria import (
     criterion_of,
 )
 from .errors import Array, InputError, first_ids
-from .friction import RateAndState, coulomb, numbers, rubs
+from .friction import Friction, RateAndState, coulomb, numbers
 from .kernels.contact import Touch
 from .kernels.face import Faces
 from .kernels.fracture import Test
 from .kernels.plastic import Flow
 from .kernels.wall import BOX, CYLINDER, FAR, MESH, PLANE, SPHERE
 from .kernels.wall import NUMBERS as SHAPE_NUMBERS
+from .material import Material
 from .plasticity import Nikolaevsky, Table, YieldLaw
 from .relinking import Healing
 from .scene import Body, History, Scene, StrainHistory
@@ -232,7 +233,10 @@ class Model:
     wall_friction: Array | None = None  # (walls,)
     wall_rolling: Array | None = None  # (walls,) if any contact resists rolling
     wall_twisting: Array | None = None  # (walls,) likewise
-    friction_numbers: Array | None = None  # (1 + walls, 7) of pairs, of walls, if some have a state
+    friction_numbers: Array | None = None  # (kinds^2 + walls kinds, 7) likewise of laws with state
+    kinds: int = 1  # of elements, by what they are made of, where friction differs
+    contact_kind: Ids | None = None  # (n,)
+    friction_table: Array | None = None  # (kinds^2 + walls kinds,) Coulomb's, row after row
     wall_first_face: Ids | None = None  # (walls,) of a mesh among all
     face_place: Array | None = None  # (3 faces, 3) corners of all meshes, from their walls' places
     nodes: int = 0  # stored after all other elements
@@ -241,9 +245,7 @@ class Model:
     @property
     def rubs(self) -> bool:
         """Whether contacts have friction."""
-        return self.contact is not None and (
-            rubs(self.contact.friction) or any(rubs(wall.friction) for wall in self.walls)
-        )
+        return any(side.rubs for side in self._sides)
 
     @property
     def rolls(self) -> bool:
@@ -252,7 +254,7 @@ class Model:
 
     @property
     def _sides(self) -> list[Contact | Wall]:
-        """What has numbers of its own for rolling."""
+        """What has friction of its own."""
         return [*([] if self.contact is None else [self.contact]), *self.walls]
 
     @property
@@ -266,13 +268,14 @@ class Model:
             bounces=self.contact.bounces,
             damps=self.contact.damping_ratio > 0.0,
             rolls=self.rolls,
+            by_kind=self.contact_kind is not None,
             is_periodic=self.contact_period is not None,
         )
 
     @property
     def faces_rub(self) -> bool:
         """Whether closed faces of unlinked pairs have friction."""
-        touches = self.contact is not None and rubs(self.contact.friction)
+        touches = self.contact is not None and self.contact.rubs
         return touches and self.listed_bonds is not None
 
     @property
@@ -904,7 +907,7 @@ def _check_healing(scene: Scene, has_yield: bool, has_creep: bool) -> None:
             "healing is for elastic bodies: links made again do not know of slips that flow or "
             "creep has left; leave yielding and viscous, or healing, out of the scene."
         )
-    touching = scene.contacts is not None and rubs(scene.contacts.friction)
+    touching = scene.contacts is not None and scene.contacts.rubs
     if not touching and any(b.healing is not None and b.healing.work > 0.0 for b in scene.bodies):
         raise InputError(
             "healing after work of slip needs friction: call scene.contact(friction=...), or "
@@ -1533,7 +1536,7 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle
-    laws = [model.contact.friction, *(w.friction for w in model.walls)]
+    laws = _friction_laws(model, bodies)
     if any(isinstance(law, RateAndState) for law in laws):
         model.friction_numbers = np.array([numbers(law) for law in laws])
     if model.faces_rub:
@@ -1559,6 +1562,29 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         density = model.mass / model.element_volume
         impedance = radius * width * np.sqrt(density * each["pressure_modulus"])
         model.contact_impedance = float(impedance[elements].sum())
+
+
+def _friction_laws(model: Model, bodies: list[Body]) -> list[Friction]:
+    """Laws of all pairs of kinds of elements, then of each wall with each kind. A scene that tells
+    no materials apart has one kind."""
+    contact, walls = model.contact, model.walls
+    assert contact is not None
+    if not contact.pairs and not any(w.pairs for w in walls):
+        return [contact.friction, *(w.friction for w in walls)]
+    kinds: list[Material] = list(dict.fromkeys(m for b in bodies for m in b.materials))
+    for side in (
+        *(m for pair in contact.pairs for m in pair),
+        *(m for w in walls for m in w.pairs),
+    ):
+        if side not in kinds:
+            raise InputError(f"friction is given for {side}, which no body is of.")
+    kind = [np.array([kinds.index(m) for m in b.materials])[b.grain] for b in bodies]
+    model.contact_kind = np.append(np.concatenate(kind), np.zeros(model.nodes)).astype(np.int32)
+    model.kinds = len(kinds)
+    laws = [contact.pairs.get(frozenset((a, b)), contact.friction) for a in kinds for b in kinds]
+    laws += [w.pairs.get(m, w.friction) for w in walls for m in kinds]
+    model.friction_table = np.array([coulomb(law) for law in laws])
+    return laws
 
 
 def _closing_shear(model: Model, each: dict[str, Array]) -> Array:

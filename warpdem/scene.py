@@ -1,7 +1,7 @@
 """What the user says: bodies and how their elements are bonded, cut, held, strained and loaded."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
 from math import isnan
@@ -13,7 +13,7 @@ from .bond import EVMBond
 from .contact import Contact
 from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
 from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
-from .friction import Friction, checked_friction
+from .friction import Friction, checked_friction, checked_pairs
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
@@ -498,21 +498,23 @@ class Scene:
         restitution_by: str = "opening",
         rolling_friction: float = 0.0,
         twisting_friction: float = 0.0,
+        pairs: Mapping[tuple[Material, Material], Friction] | None = None,
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
         They touch as spheres, in the plane discs, of the distance to their nearest face, with a
         stiffness as that of bonds. friction: Coulomb's number or a `RateAndState`, between all of
-        them; restitution: speed along the normal after two elements have touched over that before,
-        0 to 1 (elastic). skin: of the list of neighbours over the median radius; a matter of speed
-        alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
-        springs are the same); its time step is for overlaps up to a twentieth of the radius.
-        restitution_by: "opening" takes what restitution asks for where a contact opens, at any
-        time step, and nothing while it lasts; "dashpot" takes it while the contact lasts, by a
-        dashpot that never pulls, so that heaps come to rest, and needs a restitution above 0.
-        rolling_friction: the greatest moment against rolling over R N, N being the normal force and
-        1/R the sum of both curvatures, as elements that are not round would bear it;
-        twisting_friction: likewise about the normal, in space. Springs act below both.
+        them but those of the materials in pairs: {(a, b): friction}, in either order. restitution:
+        speed along the normal after two elements have touched over that before, 0 to 1 (elastic).
+        skin: of the list of neighbours over the median radius; a matter of speed alone. law:
+        "linear", or in space "hertz", of elastic spheres of these radii (friction's springs are the
+        same); its time step is for overlaps up to a twentieth of the radius. restitution_by:
+        "opening" takes what restitution asks for where a contact opens, at any time step, and
+        nothing while it lasts; "dashpot" takes it while the contact lasts, by a dashpot that never
+        pulls, so that heaps come to rest, and needs a restitution above 0. rolling_friction: the
+        greatest moment against rolling over R N, N being the normal force and 1/R the sum of both
+        curvatures, as elements that are not round would bear it; twisting_friction: likewise about
+        the normal, in space. Springs act below both.
 
         Pairs that a bond joined close and rub on their own face until they have parted.
         """
@@ -530,14 +532,14 @@ class Scene:
         self.contacts = Contact(
             mu, e, float(positive("skin", skin, ())), law, restitution_by,
             _share("rolling_friction", rolling_friction),
-            _share("twisting_friction", twisting_friction),
+            _share("twisting_friction", twisting_friction), checked_pairs(pairs),
         )  # fmt: skip
 
     def wall(
         self,
         shape: Shape | ArrayLike,
         normal: ArrayLike | None = None,
-        friction: Friction | None = None,
+        friction: Friction | Mapping[Material, Friction] | None = None,
         velocity: ArrayLike | None = None,
         spin: ArrayLike | None = None,
         pivot: ArrayLike | None = None,
@@ -550,12 +552,12 @@ class Scene:
         they are on, or a shape of `warpdem.wall`.
 
         friction, rolling_friction, twisting_friction: by default those of `contact`, which a scene
-        with walls needs; velocity [m/s] and
-        spin [rad/s], (1,) in the plane or (3,): the wall's own, by default none; pivot [m]: the
-        point it turns about, which moves with it, by default the shape's centre; angle [rad]: a
-        rotation vector by which it is turned at the start. path: a function of time [s], or
-        (times, values) between which is interpolated, that gives displacement and then rotation
-        vector, (dim + 1,) or (dim + 3,), on top of velocity and spin. Returns the wall, on which
+        with walls needs; friction may be given by materials, {a: friction}. velocity [m/s] and spin
+        [rad/s], (1,) in the plane or (3,): the wall's own, by default none; pivot [m]: the point it
+        turns about, which moves with it, by default the shape's centre; angle [rad]: a rotation
+        vector by which it is turned at the start. path: a function of time [s], or (times, values)
+        between which is interpolated, that gives displacement and then rotation vector, (dim + 1,)
+        or (dim + 3,), on top of velocity and spin. Returns the wall, on which
         `Simulation.wall_force` and `wall_torque` tell.
         """
         if self.contacts is None:
@@ -575,7 +577,13 @@ class Scene:
         if len(shape.place) != dim:
             hint = "; in the plane take a Sphere or a Box" * isinstance(shape, Cylinder | Mesh)
             raise InputError(f"the wall's shape has dimension {len(shape.place)}, not {dim}{hint}.")
-        mu = self.contacts.friction if friction is None else checked_friction(friction)
+        mu, pairs = self.contacts.friction, {}
+        if isinstance(friction, Mapping):
+            if not all(isinstance(m, Material) for m in friction):
+                raise InputError("friction of a wall by materials is {material: friction}.")
+            pairs = {m: checked_friction(law) for m, law in friction.items()}
+        elif friction is not None:
+            mu = checked_friction(friction)
 
         def own(name: str, given: float | None) -> float:
             share: float = getattr(self.contacts, name)
@@ -590,6 +598,7 @@ class Scene:
             np.zeros(spins) if angle is None else finite("angle", np.atleast_1d(angle), (spins,)),
             own("rolling_friction", rolling_friction),
             own("twisting_friction", twisting_friction),
+            pairs,
             _path(path, dim + spins),
         )
         self.walls.append(wall)

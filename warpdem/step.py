@@ -96,6 +96,7 @@ OPTIONAL = frozenset(
         *("contact_box", "contact_box_before", "contact_box_after"),
         *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
+        *("contact_kind", "friction_table"),
         *("restitution_energy", "contact_dashpot", "wall_dashpot"),
         *("contact_roll", "wall_roll", "wall_rolling", "wall_twisting"),
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
@@ -544,7 +545,7 @@ class Step:
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
         law, on_walls = contact_forces(s, k, touch), wall_forces(s, k, kinds, touch)
-        place = {"first_place": (m.features.slots - 1) * m.elements}
+        place = {"first_place": (m.features.slots - 1) * m.elements, "kinds": m.kinds}
         mu, both = coulomb(m.contact.friction), []
         own = {"rolling": m.contact.rolling_friction, "twisting": m.contact.twisting_friction}
         # at the end of a step the box is where it was to go, but else where it was before
@@ -955,9 +956,11 @@ class Step:
         if self._slack > 0.0:  # faces that friction holds are the stiffest
             friction = HOLDS
         ages = m.faces_rub and m.ages and self._slack == 0.0
+        by_kind = m.faces_rub and m.contact_kind is not None and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, ages, self._touch_law),
-            evm_closing(s, k, f.faces.has_slip, m.faces_rub, ages),
+            facet_closing(s, k, f.faces, m.faces_rub, ages, by_kind, self._touch_law),
+            evm_closing(s, k, f.faces.has_slip, m.faces_rub, ages, by_kind),
+            kinds=m.kinds,
             own_elements=m.own_elements,
             slack=self._slack,
             friction=friction,

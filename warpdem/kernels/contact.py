@@ -30,6 +30,7 @@ class Touch(NamedTuple):
     bounces: bool = False  # restitution takes its share where they open
     damps: bool = False  # dashpots act while they last
     rolls: bool = False  # rolling, or twisting in space, is resisted
+    by_kind: bool = False  # friction is that of what the elements are made of
     is_periodic: bool = False
 
 
@@ -219,7 +220,7 @@ def pressing(s: Laws, is_hertz: bool) -> Laws:
     @wp.func
     def against_wall_hertz(radius: real, area: real, compliance: real) -> real:
         """k = 4/3 E* sqrt(R), 1/E* being the compliance."""
-        return real(4.0 / 3.0) * wp.sqrt(radius) / compliance
+        return real(wp.static(4.0 / 3.0)) * wp.sqrt(radius) / compliance
 
     @wp.func
     def viscosity_hertz(stiffness: real, gap: real, give: real, ratio: real) -> real:
@@ -376,7 +377,7 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) ->
             ra = real(contact_radius[nn(a)])
             rb = real(contact_radius[nn(b)])
             series = compliance[nn(a)] + compliance[nn(b)]
-            return real(4.0 / 3.0) * wp.sqrt(ra * rb / (ra + rb)) / series
+            return real(wp.static(4.0 / 3.0)) * wp.sqrt(ra * rb / (ra + rb)) / series
 
         load_normal_stiffness = load_hertz
 
@@ -411,6 +412,8 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
         inverse_mass: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
         contact_box: wp.array(dtype=place),
@@ -438,6 +441,7 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
         twisting: real,
         dt: place,
         first_place: int,
+        kinds: int,
     ):
         t = wp.tid()
         i = contact_elements[t]
@@ -529,10 +533,15 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
                     theta = wp.float64(0.0)
                     if wp.static(touch.ages):
                         theta = contact_theta[e]
+                    row = int(0)  # noqa: UP018, RUF046
+                    mu = friction
+                    if wp.static(touch.by_kind):
+                        row = kinds * contact_kind[a] + contact_kind[b]
+                        mu = friction_table[row]
                     spring_before = s.load(contact_spring, e)
                     spring, theta, taken = law.rub(
                         spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
-                        shear, pull, friction, 0, friction_numbers, theta, real(dt),
+                        shear, pull, mu, row, friction_numbers, theta, real(dt),
                     )  # fmt: skip
                     if wp.static(touch.ages):
                         contact_theta[e] = theta

@@ -365,7 +365,7 @@ def evm_forces(
 
 
 @cache
-def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool):
+def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool, by_kind: bool):
     """Pass over listed EVM bonds: unlinked ones resist closing (theory B11).
 
     rubs: closed ones also resist sliding, as `friction.face_friction` has it, across the bond and
@@ -385,6 +385,8 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool):
         evm_offset: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         closing_shear: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
         evm_slip: wp.array(dtype=real),
@@ -405,6 +407,7 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool):
         slack: real,
         friction: real,
         dt: real,
+        kinds: int,
         first: int,
         first_evm: int,
     ):
@@ -435,9 +438,14 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool):
                     b, c, bond_i, bond_j, evm_direction, evm_length, evm_offset, displacement,
                     orientation,
                 )  # fmt: skip
+                row = int(0)  # noqa: UP018, RUF046
+                mu = friction
+                if wp.static(by_kind):
+                    row = kinds * contact_kind[bond_i[b]] + contact_kind[bond_j[b]]
+                    mu = friction_table[row]
                 is_new = closing_gap[t] >= real(UNKNOWN)
                 hold = rubbing.rub(
-                    t, delta, x.d, pull, is_new, nn(bond_i[b]), orientation, friction, 0,
+                    t, delta, x.d, pull, is_new, nn(bond_i[b]), orientation, mu, row,
                     friction_numbers, closing_shear, closing_slip, closing_spring, closing_theta,
                     closing_slip_energy, dt,
                 )  # fmt: skip

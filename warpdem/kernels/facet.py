@@ -204,7 +204,9 @@ def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch: str | None):
+def facet_closing(
+    s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, by_kind: bool, touch: str | None
+):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
     rubs: closed ones also resist sliding, as `friction.face_friction` has it. ages: as of
@@ -223,6 +225,8 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
         bond_arm: wp.array(dtype=k.real),
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         contact_radius: wp.array(dtype=k.real),
         contact_width: wp.array(dtype=real),
@@ -247,6 +251,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
         slack: real,
         friction: real,
         dt: real,
+        kinds: int,
         own_elements: int,
     ):
         t = wp.tid()
@@ -272,10 +277,15 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
             f, ti, tj = law.closing_force(pull, held, slope, delta, ci, cj, p, m)
             f += aside
             if wp.static(rubs):
+                row = int(0)  # noqa: UP018, RUF046
+                mu = friction
+                if wp.static(by_kind):
+                    row = kinds * contact_kind[bond_i[b]] + contact_kind[bond_j[b]]
+                    mu = friction_table[row]
                 is_new = closing_gap[t] >= real(UNKNOWN)
                 hold = rubbing.rub(
                     t, delta, wp.normalize(p + m), pull, is_new, nn(bond_i[b]), orientation,
-                    friction, 0, friction_numbers, closing_shear, closing_slip, closing_spring,
+                    mu, row, friction_numbers, closing_shear, closing_slip, closing_spring,
                     closing_theta, closing_slip_energy, dt,
                 )  # fmt: skip
                 f += hold

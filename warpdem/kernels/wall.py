@@ -259,6 +259,8 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
         wall_friction: wp.array(dtype=real),
         wall_rolling: wp.array(dtype=real),
         wall_twisting: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
         wall_place: wp.array(dtype=wp.float64),
@@ -289,6 +291,7 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
         damping: real,
         dt: real,
         first_place: int,
+        kinds: int,
         rows: int,
         walls: int,
     ):
@@ -370,13 +373,18 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
                     turning = twist - (shear * real(radius)) * old_roll
                     torque += twist
                 if wp.static(touch.rubs):
+                    row = 1 + w
+                    mu = wall_friction[w]
+                    if wp.static(touch.by_kind):
+                        row = kinds * (kinds + w) + contact_kind[i]
+                        mu = friction_table[row]
                     old = s.load(wall_spring, e)
                     # from the wall, a, to the element, b, whose arms end where they touch
                     theta = double(0.0)
                     if wp.static(touch.ages):
                         theta = wall_theta[e]
                     spring, theta, taken = law.rub(
-                        old, nb, n, -arm, arm, motion, ww, wi, shear, pull, wall_friction[w], 1 + w,
+                        old, nb, n, -arm, arm, motion, ww, wi, shear, pull, mu, row,
                         friction_numbers, theta, dt,
                     )  # fmt: skip
                     if wp.static(touch.ages):

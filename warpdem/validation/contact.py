@@ -294,6 +294,97 @@ def _rider(slope: float, dim: int, calm: float = 0.0) -> tuple[Simulation, float
 
 
 @case("contact")
+def unlike_materials_touch() -> Iterator[Measurement]:
+    """Pressed pairs of unlike materials: S/(R_a/M_a + R_b/M_b) times the overlap, Hertz's
+    4/3 E* sqrt(R) times its power 3/2, and the tangential spring S/(R_a/2G_a + R_b/2G_b)."""
+    hard, soft = Material(3.0, 0.3, 1.0), Material(0.5, 0.1, 2.0)
+    ra, rb, overlap, way = 0.5, 0.3, 1e-3, 1e-4
+    radius = 2.0 * ra * rb / (ra + rb)
+
+    def pressing(m: Material) -> float:
+        """E (1 - nu)/((1 + nu) (1 - 2 nu))."""
+        return m.young * (1.0 - m.poisson) / ((1.0 + m.poisson) * (1.0 - 2.0 * m.poisson))
+
+    for law, dim in (("linear", 2), ("linear", 3), ("hertz", 3)):
+        scene = Scene()
+        x = np.eye(dim)
+        for place, r, m in ((0.0 * x[0], ra, hard), ((ra + rb - overlap) * x[0], rb, soft)):
+            scene.hold(scene.add(ball(place, r), m), [0])
+        scene.contact(friction=50.0, law=law)
+        sim = Simulation(scene, dt=0.01)
+        area = 2.0 * radius if dim == 2 else pi * radius**2
+        wanted = area * overlap / (ra / pressing(hard) + rb / pressing(soft))
+        if law == "hertz":
+            give = (1.0 - hard.poisson**2) / hard.young + (1.0 - soft.poisson**2) / soft.young
+            wanted = 4.0 / 3.0 / give * np.sqrt(0.5 * radius) * overlap**1.5
+        found = float(sim.force[1, 0])
+        error = abs(found / wanted - 1.0)
+        yield Measurement(f"force, {law}, {dim}D", wanted, "in series", found, error, 1e-12)
+        scene.hold(scene.bodies[1], [0], velocity=way * x[1])
+        sim = Simulation(scene, dt=0.01)
+        sim.run(steps=100)
+        give = sum(r * (1.0 + m.poisson) / m.young for r, m in ((ra, hard), (rb, soft)))
+        wanted = area / give * way * sim.time
+        f, n = sim.force[1], sim.position[1] - sim.position[0]
+        found = float(np.linalg.norm(f - (f @ n) / (n @ n) * n))
+        error = abs(found / wanted - 1.0)
+        yield Measurement(f"force along, {law}, {dim}D", wanted, "in series", found, error, 1e-3)
+
+
+@case("contact")
+def friction_of_material_pairs() -> Iterator[Measurement]:
+    """Elements of unlike materials slide on a wall, and on held ones, each by its own number."""
+    one, other, third = SOFT, Material(2.0, 0.2, 1.5), Material(0.7, 0.3, 1.0)
+    g, speed = 1e-4, 0.02
+    for dim in (2, 3):
+        up, along = np.eye(dim)[1], np.eye(dim)[0]
+        scene = Scene()
+        bodies = [
+            scene.add(ball(10.0 * n * along, 0.5), m) for n, m in enumerate((one, other, third))
+        ]
+        for body in bodies:
+            scene.hold(body, [0], axes="", rotation=True)
+            scene.set_velocity(body, speed * along)
+        scene.contact(friction=0.1)
+        scene.wall(-0.5 * up, up, friction={one: 0.2, other: 0.4})
+        scene.set_gravity(-g * up)
+        # seated, so that the force is the weight
+        for body, m in zip(bodies, (one, other, third), strict=True):
+            area = 1.0 if dim == 2 else pi * 0.25
+            modulus = m.lame("strain" if dim == 2 else None) + 2.0 * m.shear_modulus
+            weight = float(body.packing.volume[0]) * m.density * g
+            body.displacement[:] = -weight * 0.5 / modulus / area * up
+        sim = Simulation(scene, dt=0.1)
+        sim.run(until=20.0)
+        v, time = sim.velocity[:, 0].copy(), sim.time
+        sim.run(until=100.0)
+        slowing = (v - sim.velocity[:, 0]) / (sim.time - time) / g
+        for mu, found, name in zip((0.2, 0.4, 0.1), slowing, ("a", "b", "c"), strict=True):
+            yield Measurement(
+                f"slowing down over g, {name} on the wall, {dim}D", mu, "mu", found,
+                abs(found / mu - 1.0), 1e-3,
+            )  # fmt: skip
+        scene = Scene()
+        x = (0.0 * along, 0.99 * along, 5.0 * along, 5.99 * along)
+        for n, (place, m) in enumerate(zip(x, (one, other, one, one), strict=True)):
+            body = scene.add(ball(place, 0.5), m)
+            scene.hold(body, [0], velocity=1e-3 * (n % 2) * up)
+        scene.contact(friction=0.1, pairs={(other, one): 0.5})
+        sim = Simulation(scene, dt=0.1)
+        sim.run(until=20.0)
+        f, centre = sim.force, sim.position
+        for first, mu, name in ((0, 0.5, "a on b"), (2, 0.1, "a on a")):
+            n = centre[first + 1] - centre[first]
+            n /= np.linalg.norm(n)
+            pressed = float(f[first] @ n)
+            rubbed = float(np.linalg.norm(f[first] - pressed * n))
+            found = rubbed / abs(pressed)
+            yield Measurement(
+                f"force along over across, {name}, {dim}D", mu, "mu", found, abs(found - mu), 1e-12
+            )
+
+
+@case("contact")
 def sliders_stop() -> Iterator[Measurement]:
     """Friction on a wall stops an element, and a block: v^2/(2 mu g)."""
     speed = 0.02
