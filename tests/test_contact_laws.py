@@ -197,6 +197,24 @@ def test_dashpots_never_pull():
     assert sim.velocity[0, 1] > 0.0
 
 
+def test_dashpots_forget_a_state_that_was_overwritten():
+    scene = wd.Scene()
+    scene.add(ball(np.zeros(2), 0.5), SOFT)
+    other = scene.add(ball(np.array([1.01, 0.0]), 0.5), SOFT)
+    scene.set_velocity(other, [-0.05, 0.0])
+    scene.contact(restitution=0.3, restitution_by="dashpot", skin=4.0)
+    sim = wd.Simulation(scene, dt=0.05)
+    while not sim.force.any():
+        sim.run(steps=1)
+    sim.run(steps=2)
+    sim.set_state(displacement=[[0.0, 0.0], [0.1, 0.0]], velocity=[[0.0, 0.0], [-0.05, 0.0]])
+    held, past = sim.energy()["kinetic"], sim.energy()["damping"]
+    sim.run(until=sim.time + 20.0)
+    ledger = sim.energy()
+    assert ledger["damping"] > past
+    assert abs(ledger["residual"]) < 1e-12 * held
+
+
 @pytest.mark.parametrize("precision", ["float32", "mixed"])
 def test_dashpots_in_single_precision(precision):
     sim = heap(precision=precision, friction=0.3, restitution=0.3, restitution_by="dashpot")

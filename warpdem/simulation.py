@@ -665,14 +665,14 @@ class Simulation:
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
-        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs
-        and whatever touches): held now; friction: taken by slip; fracture: released by breaking
-        bonds; damping: taken by dashpots, local damping, absorbing sides and restitution; plastic:
-        dissipated by plastic flow; viscous: by branches; healing: released by links made again,
-        negative where these took from what their breaks had released; work: done by moving grips
-        and walls, outer loads and a periodic box; integrator: velocity Verlet's own term (theory
-        B13), its jumps at breaking bonds included; renewal: lost with old faces; residual: what
-        is missing from their balance.
+        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs and
+        whatever touches): held now; friction: taken by slip, rolling, twisting; fracture: released
+        by breaking bonds; damping: taken by dashpots, local damping, absorbing sides and
+        restitution; plastic: dissipated by plastic flow; viscous: by branches; healing: released by
+        links made again, negative where these took from what their breaks had released; work: done
+        by moving grips and walls, outer loads and a periodic box; integrator: velocity Verlet's own
+        term (theory B13), its jumps at breaking bonds included; renewal: lost with old faces;
+        residual: what is missing from their balance.
         """
         ledger = self._measure()
         before, now = (

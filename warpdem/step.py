@@ -309,6 +309,9 @@ class Step:
 
     def forget_gaps(self) -> None:
         """Start the books of unlinked pairs anew, after the state was overwritten."""
+        for name in ("contact_dashpot", "wall_dashpot"):
+            if name in self.arrays:
+                self.arrays[name].zero_()
         if self.model.listed_bonds is not None:
             for name, value in (("closing_gap", UNKNOWN), ("closing_debt", 0.0)):
                 self.arrays[name].fill_(value)
