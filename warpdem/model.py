@@ -195,9 +195,6 @@ class Model:
     healing_stiffness: Array | None = None  # of the listed facet bonds: k, linked again
     healing_weight: Array | None = None  # likewise w
     healing_strength: Array | None = None  # of the listed bonds
-    near_bonds: Ids | None = None  # all bonds of the listed elements
-    near_elements: Ids | None = None  # all elements of the near bonds
-    near_facets: int = 0  # near bonds that are facet bonds, stored first
     yielding: tuple[Yielding, ...] = ()
     flow_elements: Ids | None = None  # elements that may yield, law after law
     hardening_strain: Array | None = None  # tables of hardening, one after the other
@@ -287,6 +284,11 @@ class Model:
     def softens(self) -> bool:
         """Whether some bonds soften before they break."""
         return self.softening_end is not None
+
+    @property
+    def breaks_beams(self) -> bool:
+        """Whether some bonds break by what they carry as beams."""
+        return any(not group.test.needs_stress for group in self.criteria)
 
     @property
     def elements(self) -> int:
@@ -496,7 +498,7 @@ def state_arrays(
         break_step[:b][linked[:b] == 1.0] = -1  # -1: may break still; -2: never will
         if any(group.test.needs_stress for group in model.criteria):
             state["stress"] = np.zeros((n, 4 if f.dim == 2 else 6))
-        state["any_broken"] = np.zeros(1, dtype=np.int32)
+        state["any_broken"] = np.zeros(1)
         state["break_step"] = break_step
         for name in ("break_energy", "break_normal", "break_shear", "criterion_ratio"):
             state[name] = np.zeros(listed)
@@ -507,6 +509,8 @@ def state_arrays(
                     state["break_damage"][group.first : group.first + group.count] = 0.0
         if model.softens:
             state["bond_keep"] = np.ones(b + 1)
+        if model.breaks_beams:
+            state["beam_load"] = np.zeros((model.evm_bonds, 4))
         if f.has_volume:
             state["element_release"] = np.zeros(n)
     return state
@@ -1478,12 +1482,6 @@ def _add_lists(
         model.bond_strength = np.concatenate(strength)
         if any(group.test.softens for group in groups):
             model.softening_end = np.concatenate(ends)
-    if groups or healing:
-        near = np.unique(model.incidence[:, model.listed_elements] >> 1)
-        model.near_bonds = near[near < model.bonds].astype(np.int32)
-        model.near_facets = int((model.near_bonds < model.facet_bonds).sum())
-        both = np.stack([model.bond_i, model.bond_j])[:, model.near_bonds]
-        model.near_elements = np.unique(both).astype(np.int32)
 
 
 def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:

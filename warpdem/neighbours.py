@@ -1,5 +1,6 @@
 """The list of elements near each other: when it is built anew, and in how much memory."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -149,6 +150,16 @@ class Neighbours:
             self._hand_over()
         self.builds += 1
         return grows
+
+    def reserve(self, kept: Mapping[str, NDArray]) -> None:
+        """Make room for the arrays of a list that was kept; launches have to be bound to them."""
+        self._grow(len(kept["contact_neighbour"]))
+        for name in ("found", "cell_start"):
+            self._new(name, len(kept[name]), wp.int32)
+
+    def reshape(self) -> None:
+        """Cells for the box as it was when the list was built that has been brought back."""
+        self._shape_cells(self._strain)
 
     def _hand_over(self) -> None:
         """Give pairs that have parted just now their debts."""

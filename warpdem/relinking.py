@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, InputError, finite
+from .errors import Array, InputError, checked, finite
 
 
+@checked
 @dataclass(frozen=True)
 class Healing:
     """A law by which unlinked facet bonds of a body, broken or cut, are linked again.

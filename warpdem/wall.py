@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import Array, InputError, finite, first_ids, positive
+from .errors import Array, InputError, checked, finite, first_ids, positive
 from .friction import Friction, rubs
 from .material import Material
 
@@ -16,6 +16,7 @@ Path = Callable[[float], Array]  # displacement (dim,) and turn (1,) or (3,) at 
 class Plane:
     """A plane through `point` [m]; elements are on the side its normal points to."""
 
+    @checked
     def __init__(self, point: ArrayLike, normal: ArrayLike) -> None:
         self.place = finite("point", point, (None,))
         self.normal = _direction("the wall's normal", normal, len(self.place))
@@ -27,6 +28,7 @@ class Sphere:
     hollow: elements are inside it.
     """
 
+    @checked
     def __init__(self, centre: ArrayLike, radius: float, hollow: bool = False) -> None:
         self.place = finite("centre", centre, (None,))
         self.radius, self.hollow = float(positive("radius", radius, ())), hollow
@@ -38,6 +40,7 @@ class Cylinder:
     length [m]: by default infinite; hollow: elements are inside an infinite one.
     """
 
+    @checked
     def __init__(
         self,
         centre: ArrayLike,
@@ -62,6 +65,7 @@ class Box:
     A box in another attitude starts turned: see `angle` of `Scene.wall`.
     """
 
+    @checked
     def __init__(self, centre: ArrayLike, size: ArrayLike, rounding: float = 0.0) -> None:
         self.place = finite("centre", centre, (None,))
         self.size = positive("size", finite("size", size, (len(self.place),)))
@@ -80,6 +84,7 @@ class Mesh:
     felt from its nearest triangle, at up to two radii of an element.
     """
 
+    @checked
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
         self.vertices = finite("vertices", vertices, (None, 3))
         given = np.asarray(faces)

@@ -79,6 +79,18 @@ def closing(s: Laws) -> Laws:
         return (wp.where(speed < real(0.0), -after, after) - speed) / yield_both
 
     @wp.func
+    def owes(
+        t: int,
+        b: int,
+        bond_place: wp.array(dtype=int),
+        closing_debt: wp.array(dtype=real),
+        closing_impulse: wp.array(dtype=real),
+    ) -> bool:
+        """Whether pair t, bond b, has a debt, or an impulse that is not yet booked."""
+        last = s.load(closing_impulse, nn(bond_place[nn(2 * b)]))
+        return closing_debt[t] != real(0.0) or wp.dot(last, last) != real(0.0)
+
+    @wp.func
     def settle(
         t: int,
         b: int,
@@ -119,4 +131,6 @@ def closing(s: Laws) -> Laws:
         twist_j = size * s.cross(arm_j, n)
         s.store_ends(bond_place, closing_impulse, closing_twist, b, -size * n, twist_i, twist_j)
 
-    return Laws(energy=energy, pull=pull, left_over=left_over, impulse=impulse, settle=settle)
+    return Laws(
+        energy=energy, pull=pull, left_over=left_over, impulse=impulse, owes=owes, settle=settle
+    )

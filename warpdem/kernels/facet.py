@@ -306,7 +306,7 @@ def facet_closing(
 
 
 @cache
-def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
+def facet_settle(s: Laws, k: Laws, faces: Faces):
     """Pass over listed facet bonds: pay what their closing or opening left over."""
     geometry, contact, real = face(s, k, faces), closing(s), s.real
 
@@ -334,6 +334,8 @@ def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
     ):
         t = wp.tid()
         b = nn(listed[t])
+        if not contact.owes(t, b, bond_place, closing_debt, closing_impulse):
+            return
         delta, ci, cj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
@@ -357,7 +359,8 @@ def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
             share,
         )
 
-    return kernel(facet_settle, simd)
+    # plain code, as `facet_closing`: few owe anything
+    return kernel(facet_settle, simd=False)
 
 
 @cache
@@ -404,14 +407,24 @@ def facet_energies(
 
 @cache
 def facet_closing_energies(
-    s: Laws, k: Laws, faces: Faces, rubs: bool, touch: str | None, simd: bool = True
+    s: Laws,
+    k: Laws,
+    faces: Faces,
+    rubs: bool,
+    touch: str | None,
+    has_rows: bool,
+    simd: bool = True,
 ):
-    """Per listed facet bond: the energy it holds, or would hold, unlinked [J]."""
+    """Per listed facet bond: the energy it holds, or would hold, unlinked [J].
+
+    has_rows: of those in `rows` of the list alone.
+    """
     turned_law = turning(s, k, touch)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
 
     def facet_closing_energies(
         # model
+        rows: wp.array(dtype=int),
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
@@ -431,7 +444,9 @@ def facet_closing_energies(
         closing_energy: wp.array(dtype=real),
         own_elements: int,
     ):
-        t = wp.tid()
+        t = nn(wp.tid())
+        if wp.static(has_rows):
+            t = nn(rows[t])
         b = nn(listed[t])
         delta, ci, cj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from ..errors import Array, InputError, one_of
-from ..fields import pressure, von_mises
 from ..wall import Box, Mesh, Plane, Shape, Sphere
+from .frame import FIELDS, element_fields, element_ids, element_widths, in_space
 from .whole import folder, whole
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
 
-FIELDS = ("velocity", "mean_stress", "von_mises", "damage", "plastic_strain")
 FRAMES_PER_SECOND = 24.0
 
 
@@ -51,7 +50,7 @@ class UsdWriter:
         stage = self._stage or self._open(sim)
         time = Usd.TimeCode(self._frame)
         stage.GetDefaultPrim().GetAttribute("warpdem:time").Set(sim.time, time)
-        place = _in_space(sim.position)
+        place = in_space(sim.position)
         self._write_elements(sim, place, time)
         pairs, linked = sim.bonds, sim.linked
         self._write_curves(self._broken, place[pairs[~linked]], time)
@@ -59,7 +58,7 @@ class UsdWriter:
             self._write_curves(self._bonds, place[pairs[linked & self._rods]], time)
         for wall, (move, turn) in zip(sim.scene.walls, self._wall_moves, strict=True):
             at, q = sim.wall_pose(wall)
-            move.Set(Gf.Vec3d(*_in_space(at[None])[0].tolist()), time)
+            move.Set(Gf.Vec3d(*in_space(at[None])[0].tolist()), time)
             x, y, z, w = (0.0, 0.0, *q) if len(q) == 2 else q
             turn.Set(Gf.Quatf(float(w), float(x), float(y), float(z)), time)
         stage.SetEndTimeCode(self._frame)
@@ -83,12 +82,12 @@ class UsdWriter:
         stage.SetDefaultPrim(world)
         world.CreateAttribute("warpdem:time", Sdf.ValueTypeNames.Double)
         packings = [b.packing for b in sim.scene.bodies]
-        self._width = np.concatenate([np.full(len(p), p.spacing) for p in packings])
+        self._width = element_widths(sim)
 
         points = UsdGeom.Points.Define(stage, "/World/elements")
         points.CreateWidthsAttr(Vt.FloatArray.FromNumpy(self._width.astype(np.float32)))
         points.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
-        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(_ids(packings)))
+        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(element_ids(sim)))
         api = UsdGeom.PrimvarsAPI(points)
         kinds = {"velocity": Sdf.ValueTypeNames.Vector3fArray}
         self._primvars = {
@@ -124,14 +123,7 @@ class UsdWriter:
         return curves
 
     def _write_elements(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
-        stress = sim.stress
-        fields = {
-            "velocity": _in_space(sim.velocity),
-            "mean_stress": -pressure(stress),
-            "von_mises": von_mises(stress),
-            "damage": sim.damage,
-            "plastic_strain": sim.plastic_strain,
-        }
+        fields = element_fields(sim, sim.stress)
         self._points.GetPointsAttr().Set(_vectors(place), time)
         self._points.GetExtentAttr().Set(_extent(place, self._width), time)
         for name, primvar in self._primvars.items():
@@ -187,7 +179,7 @@ def _surface(shape: Shape, size: float) -> tuple[Array, list[list[int]]]:
         corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
         faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
         return half * corners, faces
-    axis = _in_space((shape.normal if isinstance(shape, Plane) else shape.axis)[None])[0]
+    axis = in_space((shape.normal if isinstance(shape, Plane) else shape.axis)[None])[0]
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     across /= np.linalg.norm(across)
     other = np.cross(axis, across)
@@ -202,16 +194,6 @@ def _surface(shape: Shape, size: float) -> tuple[Array, list[list[int]]]:
     if not shape.hollow:
         faces += [[*range(n)][::-1], [*range(n, 2 * n)]]
     return np.concatenate([ring - end, ring + end]), faces
-
-
-def _ids(packings: list) -> NDArray[np.int64]:
-    """The packings' own ids, or the order of elements where these clash."""
-    ids = np.concatenate([p.ids for p in packings])
-    return ids if len(np.unique(ids)) == len(ids) else np.arange(len(ids))
-
-
-def _in_space(v: Array) -> Array:
-    return v if v.shape[1] == 3 else np.column_stack([v, np.zeros(len(v))])
 
 
 def _single(v: NDArray) -> NDArray[np.float32]:
