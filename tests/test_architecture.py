@@ -6,14 +6,15 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1] / "warpdem"
 # what each module or folder of the package may import, beside itself
 ALLOWED = {
-    "kernels": set(),
+    "cache": {"errors"},
+    "kernels": {"cache"},
     "errors": set(),
     "material": {"errors"},
     "section": {"errors"},
     "bond": {"errors", "material", "section"},
     "criteria": {"errors", "fields", "section"},
     "friction": {"errors", "material"},
-    "contact": {"errors", "friction", "material", "packing"},
+    "contact": {"errors", "friction", "material", "packing", "relinking"},
     "wall": {"errors", "friction", "material"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
@@ -46,7 +47,7 @@ ALLOWED = {
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
-        *("checkpoint", "guard", "passes", "relinking", "renewal", "wall"),
+        *("checkpoint", "cache", "guard", "passes", "relinking", "renewal", "wall"),
     },
     "observe": {"errors", "fields"},
     "write": {"errors", "fields", "observe", "wall"},

@@ -1,16 +1,10 @@
 """Runs that go on from a checkpoint: every bit, every fault, every signal."""
 
 import json
-import os
 import resource
-import shutil
 import signal
-import subprocess
-import sys
-import time
 import zipfile
 from hashlib import sha256
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -476,120 +470,6 @@ def test_a_full_disk_leaves_what_was_there(tmp_path):
         signal.signal(signal.SIGXFSZ, handler)
     assert path.read_bytes() == before
     assert [x.name for x in tmp_path.iterdir()] == ["a.npz"]
-
-
-RUN = """
-import sys
-sys.path.insert(0, {tests!r})
-import warpdem as wd
-from test_checkpoint import facets
-sim = wd.Simulation(facets())
-sim.observe(wd.FragmentTracker(7))
-print("ready", flush=True)
-sim.run(steps=10**7, checkpoint={path!r}, checkpoint_every=20)
-"""
-
-
-def started(path):
-    code = RUN.format(tests=str(Path(__file__).parent), path=str(path))
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    while "ready" not in process.stdout.readline():
-        assert process.poll() is None
-    return process
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=["term", "int"])
-def test_a_signal_ends_a_run_with_a_checkpoint(number, tmp_path):
-    path = tmp_path / "a.npz"
-    process = started(path)
-    time.sleep(0.3)
-    process.send_signal(number)
-    assert process.wait(60) in (128 + number, -number, 1)
-    steps = checkpoint.read(path)[0]["steps"]
-    again, whole = wd.resume(path, facets()), wd.Simulation(facets())
-    assert again.steps == steps
-    whole.run(steps=steps)
-    assert bytes_of(again)["displacement"] == bytes_of(whole)["displacement"]
-
-
-def killed(count, tmp_path):
-    """Kill a run at random moments; how often its checkpoint was whole, and there was one."""
-    rng, found = np.random.default_rng(5), 0
-    for turn in range(count):
-        path = tmp_path / str(turn) / "a.npz"
-        path.parent.mkdir()
-        process = started(path)
-        time.sleep(float(rng.uniform(0.0, 0.5)))
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-        if path.exists():
-            found += 1
-            assert checkpoint.read(path)[0]["steps"] > 0
-        if archive.previous(path).exists():
-            checkpoint.read(archive.previous(path))
-        shutil.rmtree(path.parent)
-    return found
-
-
-def test_a_killed_run_leaves_a_whole_checkpoint(tmp_path):
-    assert killed(5, tmp_path) >= 2
-
-
-@pytest.mark.slow
-def test_a_hundred_killed_runs_leave_whole_checkpoints(tmp_path):
-    assert killed(100, tmp_path) >= 50
-
-
-LOGGED = """
-import sys
-sys.path.insert(0, {tests!r})
-import warpdem as wd
-from test_checkpoint import facets
-
-class Told(wd.BreakLog):
-    def observe(self, sim):
-        super().observe(sim)
-        print(self.rows, flush=True)
-
-Told.__name__ = "BreakLog"
-sim = wd.Simulation(facets())
-sim.observe(Told({log!r}, every=1))
-sim.run(steps=10**7, checkpoint={path!r}, checkpoint_every=1)
-"""
-
-
-def test_a_killed_run_loses_no_line_and_goes_on_with_its_log(tmp_path):
-    whole = wd.Simulation(facets())
-    whole.observe(wd.BreakLog(tmp_path / "whole.csv", every=1))
-    whole.run(steps=100)
-    lines = (tmp_path / "whole.csv").read_bytes()
-    assert lines.count(b"\n") == len(whole.broken_bonds()) + 1 > 30
-    log, path = tmp_path / "log.csv", tmp_path / "a.npz"
-    names = {"tests": str(Path(__file__).parent), "log": str(log), "path": str(path)}
-    resumed = 0
-    for least in (95, 98, 103, 107):
-        path.unlink(missing_ok=True)
-        process = subprocess.Popen(
-            [sys.executable, "-c", LOGGED.format(**names)], stdout=subprocess.PIPE, text=True
-        )
-        acknowledged = 0
-        while acknowledged < least:
-            word = process.stdout.readline().strip()
-            acknowledged = int(word) if word.lstrip("-").isdigit() else acknowledged
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-        found = log.read_bytes()
-        assert found.count(b"\n") - 1 >= acknowledged
-        assert lines.startswith(found[: found.rfind(b"\n") + 1])
-        if not path.exists():  # killed before the first one
-            continue
-        resumed += 1
-        log.write_bytes(found + b"12,3")  # as if cut off in a line
-        again = wd.resume(path, facets())
-        again.observe(wd.BreakLog(log, every=1))
-        again.run(steps=100 - again.steps)
-        assert log.read_bytes() == lines
-    assert resumed >= 2
 
 
 def test_a_log_that_lost_lines_is_refused(tmp_path):

@@ -10,6 +10,8 @@ from pxr import Usd
 
 from warpdem import cli
 from warpdem.errors import InputError
+from warpdem.experiments.described import find
+from warpdem.sweeps import Run
 
 SMALL = ("--length", "8e-4", "--height", "3.7e-4", "--notch", "1.5e-4", "--strain", "0.0012")
 
@@ -96,6 +98,8 @@ def test_a_run_that_a_signal_ended_goes_on_to_the_same_results(run, tmp_path):
     assert anew.returncode == 2 and "has the checkpoint of a run" in anew.stderr
     assert json.loads((out / "run.json").read_text()) == record
 
+    # as a sweep does with a run of its own
+    assert Run(out, {}).command(find("mode-i"))[-2:] == ["resume", str(out)]
     done = warpdem("resume", str(out))
     assert done.returncode == 0, done.stderr
     assert "going on at step" in done.stdout

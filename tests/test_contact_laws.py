@@ -367,3 +367,28 @@ def test_bad_pairs_are_refused():
     scene.contact()
     with pytest.raises(wd.InputError, match="by materials"):
         scene.wall([0.0, -1.0], [0.0, 1.0], friction={"steel": 0.3})
+
+
+def test_welding_refuses_friction_with_a_state_anywhere():
+    law = wd.RateAndState(mu0=0.4, a=0.01, b=0.015, V0=1e-3, Dc=1e-2)
+    scene = wd.Scene()
+    scene.add(ball(np.zeros(2), 0.5), SOFT)
+    scene.contact(welding=wd.Welding(1e-2, pressure=1e-3))
+    scene.wall([0.0, -0.5], [0.0, 1.0], friction=law)
+    with pytest.raises(wd.InputError, match="welding is for Coulomb's friction"):
+        wd.Simulation(scene, dt=0.1)
+
+
+def test_dashpots_and_rolling_go_on_from_a_checkpoint(tmp_path):
+    given = {"friction": 0.3, "rolling_friction": 0.1, "restitution": 0.3}
+    given |= {"restitution_by": "dashpot", "pairs": {(SOFT, SOFT): 0.2}}
+    sim = heap(**given)
+    while not len(sim.contacts):
+        sim.run(steps=20)
+    sim.run(steps=40)
+    sim.save(tmp_path / "heap.npz")
+    again = wd.resume(tmp_path / "heap.npz", heap(**given).scene)
+    for one in (sim, again):
+        one.run(steps=400)
+    assert np.array_equal(sim.displacement, again.displacement)
+    assert sim.energy() == again.energy()

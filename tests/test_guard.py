@@ -2,13 +2,24 @@
 
 import numpy as np
 import pytest
-from test_checkpoint import contact, evm, facets, plastic, prony
+from test_checkpoint import (
+    ageing,
+    contact,
+    evm,
+    facets,
+    finite,
+    healing,
+    plastic,
+    prony,
+    renewing,
+    tools,
+)
 
 import warpdem as wd
 from warpdem.simulation import GUARD_EVERY
 from warpdem.validation import core
 
-MAKES = (facets, evm, plastic, prony, contact)
+MAKES = (facets, evm, plastic, finite, renewing, prony, contact, tools, ageing, healing)
 
 
 @pytest.mark.filterwarnings("ignore")

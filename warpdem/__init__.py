@@ -30,6 +30,7 @@ from .errors import (
     TooFastError,
     TroubledBondError,
     UnstableError,
+    UnwritableError,
 )
 from .friction import RateAndState
 from .material import Material
@@ -49,7 +50,7 @@ from .observe import (
 )
 from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
-from .relinking import Healing
+from .relinking import Healing, Welding
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
 from .simulation import Observer, Simulation, resume
@@ -127,11 +128,13 @@ __all__ = [
     "TroubledBondError",
     "Tube",
     "UnstableError",
+    "UnwritableError",
     "UsdWriter",
     "Voce",
     "VonMises",
     "VtkWriter",
     "Wall",
+    "Welding",
     "When",
     "calibrate",
     "calibrate_strength",

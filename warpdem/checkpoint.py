@@ -72,7 +72,8 @@ class Checkpoint:
     def write(self, sim: Simulation) -> None:
         """Write one, if there is none of this step."""
         if self._saved != sim.steps or not self.path.exists():
-            sim.save(self.path)
+            sim._step.synchronise()
+            save(sim, self.path)
             self._saved, self._since = sim.steps, time.monotonic()
 
     def remove(self) -> None:

@@ -11,6 +11,7 @@ from .errors import Array
 from .friction import Friction, rubs
 from .material import Material
 from .packing import Mask, Packing
+from .relinking import Welding
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Contact:
     rolling_friction: float = 0.0  # moment over that of the normal force about the rolling radius
     twisting_friction: float = 0.0  # likewise about the normal
     pairs: Mapping[frozenset[Material], Friction] = field(default_factory=dict)
+    welding: Welding | None = None
 
     @property
     def is_hertz(self) -> bool:

@@ -241,8 +241,9 @@ class Model:
 
     @property
     def rubs(self) -> bool:
-        """Whether contacts have friction."""
-        return any(side.rubs for side in self._sides)
+        """Whether contacts have springs across their normals, of friction or of welds."""
+        welds = self.contact is not None and self.contact.welding is not None
+        return welds or any(side.rubs for side in self._sides)
 
     @property
     def rolls(self) -> bool:
@@ -266,6 +267,7 @@ class Model:
             damps=self.contact.damping_ratio > 0.0,
             rolls=self.rolls,
             by_kind=self.contact_kind is not None,
+            welds=self.contact.welding is not None,
             is_periodic=self.contact_period is not None,
         )
 
@@ -414,6 +416,9 @@ def state_arrays(
             state["restitution_energy"] = np.zeros(rows)
         if model.rubs or model.rolls:
             state["slip_energy"] = np.zeros(rows)
+        if model.contact.welding is not None:
+            state["weld_energy"] = np.zeros(rows)
+            state["any_welded"] = np.zeros(1, dtype=np.int32)
         if model.walls:
             walls = len(model.walls)
             spin, place = np.zeros((walls, spins)), np.zeros((walls, f.dim))
@@ -1531,11 +1536,18 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
     if model.features.dim == 2 and any(x.twisting_friction > 0.0 for x in model._sides):
         raise InputError("in the plane nothing twists; leave twisting_friction out.")
+    if model.contact.welding is not None:
+        _check_welding(model)
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle
     laws = _friction_laws(model, bodies)
     if any(isinstance(law, RateAndState) for law in laws):
+        if model.contact.welding is not None:
+            raise InputError(
+                "welding is for Coulomb's friction: leave RateAndState out, of pairs and walls, or "
+                "welding."
+            )
         model.friction_numbers = np.array([numbers(law) for law in laws])
     if model.faces_rub:
         model.closing_shear = _closing_shear(model, each)
@@ -1598,6 +1610,21 @@ def _closing_shear(model: Model, each: dict[str, Array]) -> Array:
     give = [(1.0 / each[x][both]).sum(axis=0) for x in ("pressure_modulus", "two_shear")]
     shear[model.facet_listed :] *= give[0] / give[1]
     return shear
+
+
+def _check_welding(model: Model) -> None:
+    """Refuse welds that would leave the list of neighbours before they break."""
+    contact, ids = model.contact, model.contact_elements
+    assert contact is not None and contact.welding is not None and ids is not None
+    assert model.contact_compliance is not None and model.contact_radius is not None
+    stretch = 2.0 * contact.welding.strength * float(model.contact_compliance[ids].max())
+    skin = contact.skin * float(np.median(model.contact_radius[ids]))
+    if stretch > 0.5 * skin:
+        raise InputError(
+            f"welds of this strength stretch by up to {stretch:.3g} m before they break, more than "
+            f"half the skin of the list of neighbours, {skin:.3g} m: give a strength below "
+            f"{0.5 * skin / stretch * contact.welding.strength:.3g} Pa, or a greater skin."
+        )
 
 
 def _check_box(scene: Scene) -> None:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from .errors import Array, InputError, NonFiniteError, first_ids
 from .kernels.algebra import Laws
-from .kernels.contact import hand_over
 from .kernels.neighbours import (
     carry_over,
     find_neighbours,
+    hand_over,
     list_neighbours,
     part_pairs,
     place_elements,
@@ -25,7 +25,8 @@ ROOM = 1.3  # of the list's memory over what it needs when it is made
 SPARE = 4  # neighbours that a row may have more of than in the last list, before it is sought twice
 FARTHEST = 1e8  # places over the size of a cell that the grid can count
 MOST = {2: 1024, 3: 128}  # cells along an axis; they wrap round
-HISTORY = ("debt", "spring", "theta", "dashpot", "roll")  # of a pair, which goes over to a new list
+# what a pair knows of itself, which goes over to a new list
+HISTORY = ("debt", "spring", "theta", "dashpot", "roll", "welded", "pressed", "worked")
 PER_ROW = 4  # cells for an element at most
 
 
@@ -144,10 +145,12 @@ class Neighbours:
         self._launch(list_neighbours(k, self._is_periodic), inputs)
         inputs = [a["contact_start"], a["contact_neighbour"], old["start"], old["neighbour"]]
         inputs += [*(old.get(x) for x in HISTORY), a["contact_impulse"], a.get("contact_opened")]
-        inputs += [a.get("contact_" + x) for x in HISTORY]
+        inputs += [*(a.get("contact_" + x) for x in HISTORY), a.get("weld_event")]
         self._launch(carry_over(self._s, self._touch), inputs)
         if self._has_parting:
-            self._hand_over()
+            names = "bonded_start", "bonded", "bonded_listed", "closing_gap", "closing_debt"
+            inputs = [a["contact_start"], a["contact_neighbour"], *(a[x] for x in names)]
+            self._launch(hand_over(self._s), [*inputs, a["contact_debt"]])
         self.builds += 1
         return grows
 
@@ -160,18 +163,6 @@ class Neighbours:
     def reshape(self) -> None:
         """Cells for the box as it was when the list was built that has been brought back."""
         self._shape_cells(self._strain)
-
-    def _hand_over(self) -> None:
-        """Give pairs that have parted just now their debts."""
-        a, contact = self._arrays, self._model.contact
-        assert contact is not None
-        own = "elements", "start", "neighbour", "reference", "image", "radius", "width"
-        inputs: list[Any] = [a.get("contact_" + x) for x in (*own, "compliance")]
-        names = "bonded_start", "bonded", "bonded_listed", "bond_j", "listed_bonds"
-        inputs += [a[x] for x in names]
-        inputs += [a.get("contact_box"), a["displacement"], a["closing_gap"], a["closing_debt"]]
-        law = hand_over(self._s, self._k, contact.is_hertz, self._is_periodic)
-        self._launch(law, [*inputs, a["contact_debt"], self._model.own_elements])
 
     def _find(self) -> None:
         """Note the neighbours of each element; a second time, with more room, where some have many
@@ -240,6 +231,16 @@ class Neighbours:
         pairs = np.stack([own, neighbour], axis=1)[own < neighbour]
         return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
+    def entries(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Of the list's entries at which a mask is set those of the lower ids, and the pairs."""
+        start = self._arrays["contact_start"].numpy()
+        at = np.flatnonzero(mask[: start[-1]])
+        assert self._model.contact_elements is not None
+        own = self._model.contact_elements[np.searchsorted(start, at, side="right") - 1]
+        pairs = np.stack([own, self._arrays["contact_neighbour"].numpy()[at]], axis=1)
+        lower = pairs[:, 0] < pairs[:, 1]
+        return at[lower], pairs[lower].astype(np.int64)
+
     def _grow(self, capacity: int) -> None:
         self.capacity = capacity
         dim, most = self._model.features.dim, max(capacity, 1)
@@ -259,6 +260,13 @@ class Neighbours:
             self._new("contact_roll", (1 if dim == 2 else 3) * most, self._s.real)
         if self._touch.bounces:
             self._new("contact_opened", most, wp.int32)
+        if self._touch.welds:
+            for name in ("contact_welded", "weld_event"):
+                self._new(name, most, wp.int32)
+            for name in ("contact_pressed", "contact_worked"):
+                self._new(name, most, self._s.real)
+            for name in ("weld_normal", "weld_shear", "weld_released"):
+                self._new(name, most, self._s.real)
 
     def _new(self, name: str, size: int, dtype: type) -> None:
         self._arrays[name] = wp.zeros(size, dtype=dtype, device=self._device)

@@ -22,11 +22,11 @@ from .errors import (
     positive,
     whole,
 )
-from .friction import Friction, checked_friction, checked_pairs
+from .friction import Friction, RateAndState, checked_friction, checked_pairs
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
-from .relinking import Healing
+from .relinking import Healing, Welding
 from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
@@ -519,6 +519,7 @@ class Scene:
         rolling_friction: float = 0.0,
         twisting_friction: float = 0.0,
         pairs: Mapping[tuple[Material, Material], Friction] | None = None,
+        welding: Welding | None = None,
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
@@ -536,6 +537,9 @@ class Scene:
         curvatures, as elements that are not round would bear it; twisting_friction: likewise about
         the normal, in space. Springs act below both.
 
+        welding: the law by which pairs weld that are pressed on each other; linear law, Coulomb's
+        friction or none.
+
         Pairs that a bond joined close and rub on their own face until they have parted.
         """
         mu = checked_friction(friction)
@@ -549,10 +553,18 @@ class Scene:
                 f"restitution is {e:g}; dashpots that give it would need ever smaller time steps: "
                 f"give {LEAST_DASHPOT:g} to 1, or restitution_by='opening'."
             )
+        if welding is not None:
+            if not isinstance(welding, Welding):
+                raise InputError(f"welding is {welding!r}; give a Welding.")
+            if law != "linear" or isinstance(mu, RateAndState):
+                raise InputError(
+                    "welding is for the linear law of contact and Coulomb's friction: leave "
+                    "law='hertz' and RateAndState, or welding, out."
+                )
         self.contacts = Contact(
             mu, e, float(positive("skin", skin, ())), law, restitution_by,
             _share("rolling_friction", rolling_friction),
-            _share("twisting_friction", twisting_friction), checked_pairs(pairs),
+            _share("twisting_friction", twisting_friction), checked_pairs(pairs), welding,
         )  # fmt: skip
 
     @checked

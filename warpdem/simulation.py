@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from . import fields
+from . import cache, fields
 from .bond import EVMBond
 from .checkpoint import Checkpoint, hand_over, noted_signals, read, restore, save
 from .errors import (
@@ -701,6 +701,29 @@ class Simulation:
         kinds += [(x, float) for x in names]
         return self._log_of(kinds, joined(self._step.relinks.links), "pressure")
 
+    @property
+    def welded(self) -> NDArray[np.int64]:
+        """Pairs of elements that are welded now (`Welding`), (p, 2), the lower id first."""
+        return self._step.welded()
+
+    def welded_pairs(self) -> NDArray[np.void]:
+        """Log of pairs that welded, and of welds that broke, in order of time, a structured array
+        with the fields
+
+        i, j, step, time [s], kind ("welded" or "broken"), normal_stress (tension positive) and
+        shear_stress [Pa], of a break those just before it, and released_energy [J], 0 of a weld.
+        """
+        kinds: list[tuple[str, type | str]] = [("i", int), ("j", int), ("step", int)]
+        kinds += [("time", float), ("kind", "U6"), ("normal_stress", float)]
+        kinds += [("shear_stress", float), ("released_energy", float)]
+        rows = np.concatenate([np.zeros((0, 7)), *self._step.welds.rows])
+        log = np.zeros(len(rows), dtype=kinds)
+        i, j, step, kind, normal, shear, energy = rows.T
+        log["i"], log["j"], log["step"], log["time"] = i, j, step, step * self.dt
+        log["kind"] = np.where(kind > 0.0, "welded", "broken")
+        log["normal_stress"], log["shear_stress"], log["released_energy"] = normal, shear, energy
+        return log
+
     def waiting_bonds(self) -> NDArray[np.int64]:
         """Bonds whose law of healing is met now, and that stay unlinked because the link would
         need more energy than their breaks have released."""
@@ -744,7 +767,7 @@ class Simulation:
 
         kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs and
         whatever touches): held now; friction: taken by slip, rolling, twisting; fracture: released
-        by breaking bonds; damping: taken by dashpots, local damping, absorbing sides and
+        by breaking bonds and welds; damping: taken by dashpots, local damping, absorbing sides and
         restitution; plastic: dissipated by plastic flow; viscous: by branches; healing: released by
         links made again, negative where these took from what their breaks had released; work: done
         by moving grips and walls, outer loads and a periodic box; integrator: velocity Verlet's own
@@ -894,6 +917,8 @@ class Simulation:
         ledger["fracture"] = 0.0
         if self.model.criteria:
             ledger["fracture"] = float(self._step.download("break_energy").sum(dtype=np.float64))
+        if "weld_energy" in self._step.arrays:
+            ledger["fracture"] += float(self._step.download("weld_energy").sum())
         ledger["work"] = self._step.work
         ledger["renewal"] = 0.0
         for name, past in self._past_books.items():
@@ -1035,7 +1060,7 @@ def resume(
 
 
 def _device(name: str) -> str:
-    wp.init()
+    cache.start()
     names = [str(d) for d in wp.get_devices()]
     if name == "cuda" and any(n.startswith("cuda") for n in names):
         return "cuda:0"

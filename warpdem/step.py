@@ -71,11 +71,12 @@ from .model import PLACES, Model
 from .neighbours import Neighbours
 from .passes import Launched, Part, Passes, Team, Varying
 from .patch import Patch
-from .relinking import RelinkLog
+from .relinking import RelinkLog, WeldLog
 from .wall import Mesh, turn_between
 
 HOLDS = 1e20  # a friction that lets nothing slide
 STEERING = 0.5  # share of the lacking force that a steered wall makes good for in a step
+WELD_NUMBERS = "weld_pressure", "weld_time", "weld_work", "weld_strength"
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
@@ -96,6 +97,8 @@ OPTIONAL = frozenset(
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
         *("any_moved", "contact_radius", "contact_width", "contact_compliance", "contact_image"),
         *("contact_box", "contact_box_before", "contact_box_after"),
+        *("contact_welded", "contact_pressed", "contact_worked", "weld_event", "weld_normal"),
+        *("weld_shear", "weld_released", "weld_energy", "any_welded"),
         *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         *("contact_kind", "friction_table"),
@@ -113,6 +116,7 @@ SUMS = frozenset(
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
+        "weld_energy",
         *("contact_position", "contact_box_work", "slip_energy", "restitution_energy", "wall_work"),
         *("closing_slip_energy", "relink_energy", "healing_start"),
         *("wall_shape", "face_place"),
@@ -179,7 +183,7 @@ class Step:
         self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
-        self.relinks = RelinkLog()
+        self.relinks, self.welds = RelinkLog(), WeldLog()
         self.neighbours: Neighbours | None = None
         self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
         self._walls_posed = False
@@ -211,6 +215,8 @@ class Step:
             self._settle.launch()
         if self.neighbours is not None and self._raised("any_touched"):
             self._settle_contact.launch()
+        if "any_welded" in self.arrays and self._raised("any_welded"):
+            self._note_welds()
         if self.model.criteria and self._raised("any_broken"):
             self.break_bonds()
         elif self.model.healing and self._raised("any_healed"):
@@ -259,9 +265,20 @@ class Step:
         assert self.neighbours is not None
         if self.model.walls:
             self._pose_walls(moves)
+        builds = self.neighbours.builds
         if self.neighbours.refresh(self.box_strains[int(moves)]):
             self._bind_contact()
+        if self.neighbours.builds != builds:
+            self._clear_contact()
         (self._contact if moves else self._contact_still).launch()
+
+    def _clear_contact(self) -> None:
+        """Nothing touches but what a new list will tell."""
+        slots = self.model.features.slots
+        for name in ("end_force", "end_torque"):
+            array = self.arrays[name]
+            array[array.size // slots * (slots - 1) :].zero_()  # the last slot is theirs
+        self.arrays["contact_moment"].zero_()
 
     def _pose_walls(self, moves: bool) -> None:
         """Poses of walls at this instant, or at the end of a step and how they came there."""
@@ -399,6 +416,22 @@ class Step:
             last = {x: self.download("break_" + x)[rows] for x in ("normal", "shear", "energy")}
             last["step"] = self.download("break_step")[self.model.listed_bonds[rows]]
         self.relinks.add(rows, self.count, link, last)
+
+    def _note_welds(self) -> None:
+        """Write down which pairs have welded or broken at this instant."""
+        assert self.neighbours is not None
+        event = self.arrays["weld_event"]
+        kinds = event.numpy()
+        at, pairs = self.neighbours.entries(kinds != 0)
+        columns = (self.arrays["weld_" + x].numpy()[at] for x in ("normal", "shear", "released"))
+        self.welds.add(pairs, self.count, kinds[at], *columns)
+        event.zero_()
+
+    def welded(self) -> NDArray[np.int64]:
+        """Pairs of elements that are welded now, (p, 2), the lower id first."""
+        if self.neighbours is None or "contact_welded" not in self.arrays:
+            return np.zeros((0, 2), dtype=np.int64)
+        return self.neighbours.entries(self.arrays["contact_welded"].numpy() != 0)[1]
 
     def waiting(self) -> NDArray[np.int64]:
         """Listed bonds that meet their law of healing and lack the energy to link."""
@@ -582,7 +615,9 @@ class Step:
         restitution, touch = m.contact.restitution, m.touch
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
-        law, on_walls = contact_forces(s, k, touch), wall_forces(s, k, kinds, touch)
+        welding = m.contact.welding
+        weld_numbers = {x: getattr(welding, x.removeprefix("weld_"), 0.0) for x in WELD_NUMBERS}
+        law, on_walls = contact_forces(s, k, touch, walls > 0), wall_forces(s, k, kinds, touch)
         place = {"first_place": (m.features.slots - 1) * m.elements, "kinds": m.kinds}
         mu, both = coulomb(m.contact.friction), []
         own = {"rolling": m.contact.rolling_friction, "twisting": m.contact.twisting_friction}
@@ -592,7 +627,8 @@ class Step:
         # at given places nothing moves that a dashpot would resist
         for dt, damping, sides in ((self.dt, m.contact.damping_ratio, {}), (0.0, 0.0, still)):
             numbers = {"dt": dt, "damping": damping, **place}
-            passes = [self._bind(law, rows, friction=mu, **own, **numbers, **sides)]
+            more = {"friction": mu, **own, **weld_numbers}
+            passes = [self._bind(law, rows, **more, **numbers, **sides)]
             if walls:
                 passes.append(self._bind(on_walls, rows, **numbers, **given))
             both.append(self._passes(passes))
@@ -806,6 +842,7 @@ class Step:
         for group in m.criteria:
             time, exponent = group.rate
             given: dict[str, Any] = {"time": time, "exponent": exponent, "dt": self.dt}
+            given |= {f"number_{n + 1}": x for n, x in enumerate(group.numbers)}
             given |= {"numbers": four(*group.numbers), "first": group.first}
             given["listed"] = self.arrays["listed_bonds"]
             assert m.listed_bonds is not None
@@ -1015,7 +1052,6 @@ class Step:
             facet_closing(s, k, f.faces, m.faces_rub, ages, by_kind, self._touch_law),
             evm_closing(s, k, f.faces.has_slip, m.faces_rub, ages, by_kind),
             kinds=m.kinds,
-            own_elements=m.own_elements,
             slack=self._slack,
             friction=friction,
             dt=dt,
@@ -1073,7 +1109,6 @@ class Step:
             evm_closing_energies(s, k, m.features.faces.has_slip, m.faces_rub, near, self._simd),
             near=near,
             rows=self.arrays["patch_rows"] if near else None,
-            own_elements=m.own_elements,
         )
 
     def _move(

@@ -14,9 +14,10 @@ from typing import NamedTuple
 import warp as wp
 
 from .algebra import Laws, narrow
-from .closing import PARTED, closing
+from .closing import closing
 from .friction import friction as friction_law
 from .memory import kernel, nn
+from .weld import HOLDS, weld
 
 OPPOSITE = 1e-8  # |n + n_before|^2 below which two normals are taken to oppose each other
 
@@ -31,6 +32,7 @@ class Touch(NamedTuple):
     damps: bool = False  # dashpots act while they last
     rolls: bool = False  # rolling, or twisting in space, is resisted
     by_kind: bool = False  # friction is that of what the elements are made of
+    welds: bool = False  # pairs that are pressed weld
     is_periodic: bool = False
 
 
@@ -393,11 +395,16 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) ->
 
 
 @cache
-def contact_forces(s: Laws, k: Laws, touch: Touch):
-    """Pass over elements that may touch: force and torque of all their contacts, into one slot."""
+def contact_forces(s: Laws, k: Laws, touch: Touch, has_walls: bool = False):
+    """Pass over elements that may touch: force and torque of all their contacts, into one slot.
+
+    has_walls: walls add to the slot. It is cleared when the list is built, so that without walls
+    rows that list nothing need no work.
+    """
     real, place, law = s.real, k.real, contact(s, touch.ages)
     geometry = pair(s, k, touch.is_hertz, touch.is_periodic)
-    spring_law = pressing(s, touch.is_hertz)
+    own_law = pressing(s, touch.is_hertz)
+    spring_law = weld(s, own_law)
     narrowed, widened = geometry.narrowed, geometry.widened
 
     def contact_forces(
@@ -433,8 +440,21 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
         any_touched: wp.array(dtype=int),
         contact_moment: wp.array(dtype=real),
         contact_box_work: wp.array(dtype=wp.float64),
+        contact_welded: wp.array(dtype=int),
+        contact_pressed: wp.array(dtype=real),
+        contact_worked: wp.array(dtype=real),
+        weld_event: wp.array(dtype=int),
+        weld_normal: wp.array(dtype=real),
+        weld_shear: wp.array(dtype=real),
+        weld_released: wp.array(dtype=real),
+        weld_energy: wp.array(dtype=wp.float64),
+        any_welded: wp.array(dtype=int),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
+        weld_pressure: real,
+        weld_time: real,
+        weld_work: real,
+        weld_strength: real,
         friction: real,
         damping: real,
         rolling: real,
@@ -444,6 +464,9 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
         kinds: int,
     ):
         t = wp.tid()
+        lists_nothing = contact_start[t] == contact_start[t + 1]
+        if wp.static(not has_walls) and lists_nothing:
+            return
         i = contact_elements[t]
         force = s.vec()
         torque = s.no_spin()
@@ -468,7 +491,10 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
             d_before = d - motion
             near = wp.dot(d, d) < reach * reach
             was_near = wp.dot(d_before, d_before) < reach * reach
-            if near or was_near:
+            was_welded = bool(False)  # noqa: UP018
+            if wp.static(touch.welds):
+                was_welded = contact_welded[e] != 0
+            if near or was_near or was_welded:
                 n_now, r = geometry.normal(d)
                 n_then, r_before = geometry.normal(d_before)
                 gap = real(r - reach)
@@ -478,32 +504,20 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
                 stiffness = geometry.load_normal_stiffness(
                     a, b, contact_radius, contact_width, contact_compliance
                 )
-                pull = spring_law.pull(stiffness, gap, real(0.0))
-                was = spring_law.pull(stiffness, before, real(0.0))
-                f = pull * n
-                both = f + was * nb
-                owed = spring_law.energy(stiffness, gap) - spring_law.energy(stiffness, before)
-                owed -= real(0.5) * wp.dot(both, narrowed(motion))
-                contact_debt[e] = contact_debt[e] + owed
-                if (gap < real(0.0)) != (before < real(0.0)):
-                    any_touched[0] = 1
-                    if wp.static(touch.bounces) and gap >= real(0.0):
-                        contact_opened[e] = 1
+                welded = was_welded
+                pull = spring_law.pull(stiffness, gap, welded)
+                resisted = real(0.0)  # by a dashpot, which a welded pair has none of
+                resisted_before = real(0.0)
                 if wp.static(touch.damps):
-                    give = wp.dot(n, wp.cw_mul(s.load(inverse_mass, a), n))
-                    give += wp.dot(n, wp.cw_mul(s.load(inverse_mass, b), n))
-                    speed = wp.dot(n, narrowed(motion)) / wp.max(real(dt), real(1.0e-30))
-                    last = contact_dashpot[e]
-                    own = spring_law.resisted(
-                        pull, stiffness, before, gap, speed, give, damping, real(dt)
-                    )
-                    contact_dashpot[e] = own
-                    resisted = own * n + last * nb
-                    lost = real(0.25) * wp.dot(resisted, narrowed(motion))
-                    restitution_energy[t] = restitution_energy[t] + wp.float64(lost)
-                    both += resisted
-                    pull += own
-                    f = pull * n
+                    resisted_before = contact_dashpot[e]
+                    if not was_welded:
+                        give = wp.dot(n, wp.cw_mul(s.load(inverse_mass, a), n))
+                        give += wp.dot(n, wp.cw_mul(s.load(inverse_mass, b), n))
+                        speed = wp.dot(n, narrowed(motion)) / wp.max(real(dt), real(1.0e-30))
+                        resisted = own_law.resisted(
+                            pull, stiffness, before, gap, speed, give, damping, real(dt)
+                        )
+                    contact_dashpot[e] = resisted
                 # the points that touch lie where the spheres' surfaces would, by their radii
                 share = real(contact_radius[a] / reach)
                 arm_a = share * real(r)
@@ -511,24 +525,16 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
                 arm = arm_b
                 if i == a:
                     arm = arm_a
+                shear = real(0.0)
+                spring = s.vec()
+                spring_before = s.vec()
+                taken = real(0.0)
                 if wp.static(touch.rubs or touch.rolls):
                     shear = geometry.load_stiffness(
                         a, b, contact_radius, contact_width, contact_shear
                     )
                     wa = s.load_spin(angular_velocity, a)
                     wb = s.load_spin(angular_velocity, b)
-                if wp.static(touch.rolls):
-                    radius = share * real(contact_radius[b])
-                    roll, worn = law.rolled(
-                        s.load_spin(contact_roll, e), nb, n, wa, wb, radius, shear, pull, rolling,
-                        twisting, real(dt),
-                    )  # fmt: skip
-                    s.store_spin(contact_roll, e, roll)
-                    slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(worn)
-                    couple = (shear * radius) * roll
-                    if i != a:
-                        couple = -couple
-                    torque += couple
                 if wp.static(touch.rubs):
                     theta = wp.float64(0.0)
                     if wp.static(touch.ages):
@@ -539,13 +545,82 @@ def contact_forces(s: Laws, k: Laws, touch: Touch):
                         row = kinds * contact_kind[a] + contact_kind[b]
                         mu = friction_table[row]
                     spring_before = s.load(contact_spring, e)
-                    spring, theta, taken = law.rub(
-                        spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
-                        shear, pull, mu, row, friction_numbers, theta, real(dt),
-                    )  # fmt: skip
+                    if wp.static(touch.welds):
+                        spring, theta, taken = law.rub(
+                            spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb, shear,
+                            real(-1.0), real(HOLDS), row, friction_numbers, theta, real(dt),
+                        )  # fmt: skip
+                        area = stiffness * (contact_compliance[a] + contact_compliance[b])
+                        if was_welded and dt > place(0.0):
+                            welded = not spring_law.breaks(
+                                pull, shear * spring, area, weld_strength
+                            )
+                    if not welded:
+                        pull = spring_law.pull(stiffness, gap, welded)
+                        spring, theta, taken = law.rub(
+                            spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb, shear,
+                            pull + resisted, mu, row, friction_numbers, theta, real(dt),
+                        )  # fmt: skip
                     if wp.static(touch.ages):
                         contact_theta[e] = theta
                     s.store(contact_spring, e, spring)
+                if wp.static(touch.rolls):
+                    radius = share * real(contact_radius[b])
+                    roll, worn = law.rolled(
+                        s.load_spin(contact_roll, e), nb, n, wa, wb, radius, shear,
+                        pull + resisted, rolling, twisting, real(dt),
+                    )  # fmt: skip
+                    s.store_spin(contact_roll, e, roll)
+                    slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(worn)
+                    couple = (shear * radius) * roll
+                    if i != a:
+                        couple = -couple
+                    torque += couple
+                was = spring_law.pull(stiffness, before, was_welded)
+                f = pull * n
+                both = f + was * nb
+                owed = spring_law.energy(stiffness, gap, welded)
+                owed -= spring_law.energy(stiffness, before, was_welded)
+                owed -= real(0.5) * wp.dot(both, narrowed(motion))
+                if wp.static(touch.welds):
+                    if was_welded and not welded:  # what both springs held goes
+                        released = taken - owed
+                        weld_energy[t] = weld_energy[t] + wp.float64(0.5) * wp.float64(released)
+                        weld_event[e] = -1
+                        weld_normal[e] = was / area
+                        weld_shear[e] = shear * wp.length(spring_before) / area
+                        weld_released[e] = released
+                        any_welded[0] = 1
+                        contact_welded[e] = 0
+                        owed = real(0.0)
+                        taken = real(0.0)
+                    elif not was_welded and dt > place(0.0):
+                        is_pressed = gap < real(0.0) and -pull >= weld_pressure * area
+                        time = wp.where(is_pressed, contact_pressed[e] + real(dt), real(0.0))
+                        worked = wp.where(is_pressed, contact_worked[e] + taken / area, real(0.0))
+                        if is_pressed and time >= weld_time and worked >= weld_work:
+                            contact_welded[e] = 1
+                            weld_event[e] = 1
+                            weld_normal[e] = pull / area
+                            weld_shear[e] = shear * wp.length(spring) / area
+                            weld_released[e] = real(0.0)
+                            any_welded[0] = 1
+                            time = real(0.0)
+                            worked = real(0.0)
+                        contact_pressed[e] = time
+                        contact_worked[e] = worked
+                contact_debt[e] = contact_debt[e] + owed
+                if not was_welded and (gap < real(0.0)) != (before < real(0.0)):
+                    any_touched[0] = 1
+                    if wp.static(touch.bounces) and gap >= real(0.0):
+                        contact_opened[e] = 1
+                if wp.static(touch.damps):
+                    across = resisted * n + resisted_before * nb
+                    lost = real(0.25) * wp.dot(across, narrowed(motion))
+                    restitution_energy[t] = restitution_energy[t] + wp.float64(lost)
+                    f += resisted * n
+                    both += across
+                if wp.static(touch.rubs):
                     f += shear * spring
                     both += shear * (spring_before + spring)
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(taken)
@@ -570,7 +645,7 @@ def contact_energies(s: Laws, k: Laws, touch: Touch):
     """Per element that may touch: half the energy of its pairs [J]."""
     real, place = s.real, k.real
     geometry = pair(s, k, touch.is_hertz, touch.is_periodic)
-    spring_law = pressing(s, touch.is_hertz)
+    spring_law = weld(s, pressing(s, touch.is_hertz))
 
     def contact_energies(
         # model
@@ -588,6 +663,7 @@ def contact_energies(s: Laws, k: Laws, touch: Touch):
         displacement: wp.array(dtype=place),
         contact_spring: wp.array(dtype=real),
         contact_roll: wp.array(dtype=real),
+        contact_welded: wp.array(dtype=int),
         # written
         contact_energy: wp.array(dtype=real),
     ):
@@ -601,11 +677,14 @@ def contact_energies(s: Laws, k: Laws, touch: Touch):
             )
             _n, r = geometry.normal(d)
             gap = real(r - (contact_radius[wp.min(i, j)] + contact_radius[wp.max(i, j)]))
-            if gap < real(0.0):
+            welded = bool(False)  # noqa: UP018
+            if wp.static(touch.welds):
+                welded = contact_welded[e] != 0
+            if gap < real(0.0) or welded:
                 stiffness = geometry.load_normal_stiffness(
                     i, j, contact_radius, contact_width, contact_compliance
                 )
-                energy += real(0.5) * spring_law.energy(stiffness, gap)
+                energy += real(0.5) * spring_law.energy(stiffness, gap, welded)
                 if wp.static(touch.rubs or touch.rolls):
                     shear = geometry.load_stiffness(
                         i, j, contact_radius, contact_width, contact_shear
@@ -619,67 +698,6 @@ def contact_energies(s: Laws, k: Laws, touch: Touch):
         contact_energy[t] = energy
 
     return kernel(contact_energies, simd=False)
-
-
-@cache
-def hand_over(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False):
-    """Pass over elements that may touch: pairs that have just parted owe what they owed as faces.
-
-    Faces of a node become spheres at once, and owe the energy of these where they overlap.
-    """
-    real, place, geometry = s.real, k.real, pair(s, k, is_hertz, is_periodic)
-    spring_law = pressing(s, is_hertz)
-
-    def hand_over(
-        # model
-        contact_elements: wp.array(dtype=int),
-        contact_start: wp.array(dtype=int),
-        contact_neighbour: wp.array(dtype=int),
-        contact_reference: wp.array(dtype=place),
-        contact_image: wp.array(dtype=int),
-        contact_radius: wp.array(dtype=place),
-        contact_width: wp.array(dtype=real),
-        contact_compliance: wp.array(dtype=real),
-        bonded_start: wp.array(dtype=int),
-        bonded: wp.array(dtype=int),
-        bonded_listed: wp.array(dtype=int),
-        bond_j: wp.array(dtype=int),
-        listed_bonds: wp.array(dtype=int),
-        # state read
-        contact_box: wp.array(dtype=place),
-        displacement: wp.array(dtype=place),
-        closing_gap: wp.array(dtype=real),
-        closing_debt: wp.array(dtype=real),
-        # written
-        contact_debt: wp.array(dtype=real),
-        own_elements: int,
-    ):
-        t = wp.tid()
-        i = contact_elements[t]
-        for n in range(bonded_start[t], bonded_start[t + 1]):
-            listed = wp.max(bonded_listed[n], 0)
-            if bonded_listed[n] >= 0 and closing_gap[listed] == real(PARTED):
-                j = bonded[n]
-                for e in range(contact_start[t], contact_start[t + 1]):
-                    if contact_neighbour[e] == j:
-                        d = geometry.load_distance(
-                            e, i, j, contact_reference, contact_image, contact_box, displacement
-                        )
-                        _n, r = geometry.normal(d)
-                        gap = real(r - (contact_radius[i] + contact_radius[j]))
-                        stiffness = geometry.load_normal_stiffness(
-                            wp.min(i, j),
-                            wp.max(i, j),
-                            contact_radius,
-                            contact_width,
-                            contact_compliance,
-                        )
-                        held = spring_law.energy(stiffness, gap)
-                        if bond_j[listed_bonds[listed]] < own_elements:
-                            held = real(0.0)  # which it held already
-                        contact_debt[e] = closing_debt[listed] + held
-
-    return kernel(hand_over, simd=False)
 
 
 @cache

@@ -395,12 +395,9 @@ def evm_forces(
             tj += s.cross(delta, fj) - s.cross(cj, fi + fj)
         s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
         if wp.static(has_beams):
-            # not wp.normalize, whose branch keeps the loop from being vectorised
-            axis = x.p + x.m
-            axis = axis / wp.max(wp.length(axis), real(1.0e-6))
             ti -= ri * s.cross(x.p, f)
             tj -= rj * s.cross(x.m, f)
-            along, across, bending, twisting = beam(f, ti, tj, axis)
+            along, across, bending, twisting = beam(f, ti, tj, s.unit(x.p + x.m))
             beam_load[nn(4 * c)] = along
             beam_load[nn(4 * c + 1)] = across
             beam_load[nn(4 * c + 2)] = bending

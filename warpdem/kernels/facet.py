@@ -180,17 +180,15 @@ def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
     def load_sphere(
         i: int,
         j: int,
-        own_elements: int,
         d: s.vec,
         contact_radius: wp.array(dtype=k.real),
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
     ):
-        """Force on i of both as spheres [N], d = x_j - x_i, and their energy [J]. A node is none;
-        the element beyond it is touched once the pair has parted."""
+        """Force on i of both as spheres [N], d = x_j - x_i, and their energy [J]."""
         force = s.vec()
         held = real(0.0)
-        if wp.static(touch is not None) and i < own_elements and j < own_elements:
+        if wp.static(touch is not None):
             r = wp.length(d)
             gap = r - real(contact_radius[i] + contact_radius[j])
             stiffness = geometry.load_normal_stiffness(
@@ -252,7 +250,6 @@ def facet_closing(
         friction: real,
         dt: real,
         kinds: int,
-        own_elements: int,
     ):
         t = wp.tid()
         b = nn(listed[t])
@@ -269,7 +266,7 @@ def facet_closing(
             aside = s.vec()
             if meets < real(1.0) and closing_stiffness[t] != real(0.0):
                 push, other = turned_law.load_sphere(
-                    bond_i[b], bond_j[b], own_elements, ci + delta - cj,
+                    bond_i[b], bond_j[b], ci + delta - cj,
                     contact_radius, contact_width, contact_compliance,
                 )  # fmt: skip
                 aside = (real(1.0) - meets) * push
@@ -442,7 +439,6 @@ def facet_closing_energies(
         orientation: wp.array(dtype=k.real),
         # written
         closing_energy: wp.array(dtype=real),
-        own_elements: int,
     ):
         t = nn(wp.tid())
         if wp.static(has_rows):
@@ -456,7 +452,7 @@ def facet_closing_energies(
         energy = meets * contact.energy(closing_stiffness[t], law.gap(delta, p, m))
         if meets < real(1.0) and closing_stiffness[t] != real(0.0):
             _push, other = turned_law.load_sphere(
-                bond_i[b], bond_j[b], own_elements, ci + delta - cj,
+                bond_i[b], bond_j[b], ci + delta - cj,
                 contact_radius, contact_width, contact_compliance,
             )  # fmt: skip
             energy += (real(1.0) - meets) * other

@@ -44,8 +44,22 @@ def pair_tensor(s: Laws) -> Laws:
         dev = t - mean_stress(t) * wp.identity(n=3, dtype=real)
         return wp.sqrt(real(1.5) * wp.ddot(dev, dev))
 
+    if s.dim == 2:
+
+        @wp.func
+        def principal(t: mat3):
+            """Greatest and least principal stress; in the plane zz is one of the three."""
+            mean = real(0.5) * (t[0, 0] + t[1, 1])
+            half = real(0.5) * (t[0, 0] - t[1, 1])
+            radius = wp.sqrt(half * half + t[0, 1] * t[0, 1])
+            return wp.max(mean + radius, t[2, 2]), wp.min(mean - radius, t[2, 2])
+
+        return Laws(
+            tensor=tensor, mean_stress=mean_stress, von_mises=von_mises, principal=principal
+        )
+
     @wp.func
-    def principal(t: mat3):
+    def principal_of_three(t: mat3):
         """Greatest and least principal stress.
 
         The angle of the deviator's invariants comes from the discriminant as a sum of squares
@@ -75,7 +89,12 @@ def pair_tensor(s: Laws) -> Laws:
         size = wp.sqrt(two_thirds * square)
         return m + size * wp.cos(angle), m + size * wp.cos(angle + third_turn)
 
-    return Laws(tensor=tensor, mean_stress=mean_stress, von_mises=von_mises, principal=principal)
+    return Laws(
+        tensor=tensor,
+        mean_stress=mean_stress,
+        von_mises=von_mises,
+        principal=principal_of_three,
+    )
 
 
 class Test(NamedTuple):
@@ -245,7 +264,10 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
         break_normal: wp.array(dtype=real),
         break_shear: wp.array(dtype=real),
         any_broken: wp.array(dtype=real),
-        numbers: four,
+        number_1: real,
+        number_2: real,
+        number_3: real,
+        number_4: real,
         time: real,
         exponent: real,
         dt: real,
@@ -262,7 +284,7 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
         i = nn(bond_i[b])
         j = nn(bond_j[b])
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-        n = s.embed(wp.normalize(p + m))
+        n = s.embed(s.unit(p + m))
         traction = s.embed(s.load(end_force, nn(bond_place[nn(2 * b)]))) / bond_area[b]
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
         wi, wj = geometry.load_weights(b, bond_arm)
@@ -273,6 +295,8 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
             whole = traction
             if wp.static(test.softens):
                 whole = traction / linked
+            # a vector as an argument would stay one, and keep the loop from being vectorised
+            numbers = four(number_1, number_2, number_3, number_4)
             ratio = equivalent(law.tensor(mean, whole, n), n, numbers) / bond_strength[l]
         ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if wp.static(test.softens):

@@ -11,6 +11,8 @@ from functools import cache
 
 import warp as wp
 
+from ..cache import sealed
+
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no line for every kernel loaded
 
 
@@ -122,12 +124,14 @@ def wait(
 ): ...
 
 
+@sealed
 @wp.kernel(module="unique", enable_backward=False)
 def rendezvous(counters: wp.array(dtype=wp.uint64), threads: wp.uint64, give_way: wp.uint64):
     """Returns when as many threads have called it."""
     meet(counters, threads, give_way)
 
 
+@sealed
 @wp.kernel(module="unique", enable_backward=False)
 def wait_for(
     counters: wp.array(dtype=wp.uint64), begun: wp.uint64, patience: int, give_way: wp.uint64
@@ -140,4 +144,5 @@ def kernel(function, simd: bool = True):
     """A kernel of its own module; `simd` vectorises it if this Warp allows it."""
     flags = compiler_flags(simd)
     options = {} if flags is None else {"cpu_compiler_flags": flags}
-    return wp.kernel(function, module="unique", enable_backward=False, module_options=options)
+    made = wp.kernel(function, module="unique", enable_backward=False, module_options=options)
+    return sealed(made)

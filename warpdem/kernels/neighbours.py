@@ -345,7 +345,7 @@ def list_neighbours(k: Laws, is_periodic: bool):
 @cache
 def carry_over(s: Laws, touch: Touch):
     """Pass over elements that may touch: what the old list knew of their pairs (debts, springs,
-    ages, pulls of dashpots) goes over to the new one."""
+    ages, pulls of dashpots, welds) goes over to the new one."""
     real = s.real
 
     def carry_over(
@@ -358,6 +358,9 @@ def carry_over(s: Laws, touch: Touch):
         old_theta: wp.array(dtype=wp.float64),
         old_dashpot: wp.array(dtype=real),
         old_roll: wp.array(dtype=real),
+        old_welded: wp.array(dtype=int),
+        old_pressed: wp.array(dtype=real),
+        old_worked: wp.array(dtype=real),
         # written
         contact_impulse: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
@@ -366,6 +369,10 @@ def carry_over(s: Laws, touch: Touch):
         contact_theta: wp.array(dtype=wp.float64),
         contact_dashpot: wp.array(dtype=real),
         contact_roll: wp.array(dtype=real),
+        contact_welded: wp.array(dtype=int),
+        contact_pressed: wp.array(dtype=real),
+        contact_worked: wp.array(dtype=real),
+        weld_event: wp.array(dtype=int),
     ):
         t = wp.tid()
         at = old_start[t]
@@ -404,5 +411,44 @@ def carry_over(s: Laws, touch: Touch):
                 contact_dashpot[e] = dashpot
             if wp.static(touch.rolls):
                 s.store_spin(contact_roll, e, roll)
+            if wp.static(touch.welds):
+                weld_event[e] = 0
+                contact_welded[e] = 0
+                contact_pressed[e] = real(0.0)
+                contact_worked[e] = real(0.0)
+                if known:
+                    contact_welded[e] = old_welded[at]
+                    contact_pressed[e] = old_pressed[at]
+                    contact_worked[e] = old_worked[at]
 
     return kernel(carry_over, simd=False)
+
+
+@cache
+def hand_over(s: Laws):
+    """Pass over elements that may touch: pairs that have just parted owe what they owed as faces.
+
+    Nothing else changes: turned faces are spheres already, and those out of reach do not touch.
+    """
+    real = s.real
+
+    def hand_over(
+        contact_start: wp.array(dtype=int),
+        contact_neighbour: wp.array(dtype=int),
+        bonded_start: wp.array(dtype=int),
+        bonded: wp.array(dtype=int),
+        bonded_listed: wp.array(dtype=int),
+        closing_gap: wp.array(dtype=real),
+        closing_debt: wp.array(dtype=real),
+        # written
+        contact_debt: wp.array(dtype=real),
+    ):
+        t = wp.tid()
+        for n in range(bonded_start[t], bonded_start[t + 1]):
+            listed = wp.max(bonded_listed[n], 0)
+            if bonded_listed[n] >= 0 and closing_gap[listed] == real(PARTED):
+                for e in range(contact_start[t], contact_start[t + 1]):
+                    if contact_neighbour[e] == bonded[n]:
+                        contact_debt[e] = closing_debt[listed]
+
+    return kernel(hand_over, simd=False)

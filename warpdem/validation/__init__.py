@@ -20,6 +20,7 @@ from . import (  # noqa: F401  they register
     visco,
     wall,
     waves,
+    weld,
 )
 from .case import CASES, Case, Check, Measurement, as_markdown, cases
 

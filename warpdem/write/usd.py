@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from ..errors import Array, InputError, one_of
 from ..wall import Box, Mesh, Plane, Shape, Sphere
@@ -19,10 +20,16 @@ if TYPE_CHECKING:
     from ..simulation import Simulation
 
 FRAMES_PER_SECOND = 24.0
+WORLD = "/World"
 
 
 class UsdWriter:
     """Writes a frame every `every` steps; the file appears when the run is over.
+
+    Until then a folder beside it, NAME.take, has a file for each frame, whole on the disk, and
+    root.usda, which shows all frames so far by value clips. A killed run leaves it, and a resumed
+    one goes on with it. single: False keeps the folder, for takes that memory cannot hold, and
+    writes no file of all frames.
 
     Elements are one `UsdGeom.Points`, /World/elements, with widths, ids (the packing's) and the
     fields velocity [m/s], mean_stress [Pa], von_mises [Pa], damage and, where bodies may flow,
@@ -35,20 +42,76 @@ class UsdWriter:
     color: the field shown as displayColor, scaled by its values in the first frame that has any.
     """
 
-    def __init__(self, path: str | Path, every: int = 100, color: str = "von_mises") -> None:
+    # made anew from the scene
+    not_saved = ("_width", "_rods")
+
+    def __init__(
+        self, path: str | Path, every: int = 100, color: str = "von_mises", single: bool = True
+    ) -> None:
         one_of("color", color, FIELDS)
-        self.path, self.every, self.color = Path(path), every, color
+        self.path, self.every, self.color, self.single = Path(path), every, color, single
         if self.path.suffix not in (".usd", ".usda", ".usdc"):
             raise InputError(f"{self.path.name} must end in .usd, .usda or .usdc.")
         folder(self.path.parent)
+        self.take = self.path.with_suffix(".take")
         self._stage: Usd.Stage | None = None
         self._frame = 0
-        self._range = 0.0
+        self._range = self._size = 0.0
 
     def observe(self, sim: Simulation) -> None:
         """Add a frame."""
         stage = self._stage or self._open(sim)
-        time = Usd.TimeCode(self._frame)
+        frame = Sdf.Layer.CreateAnonymous(".usdc")
+        stage.GetSessionLayer().subLayerPaths.append(frame.identifier)
+        stage.SetEditTarget(frame)
+        self._write_frame(sim, stage, Usd.TimeCode(self._frame))
+        stage.GetSessionLayer().subLayerPaths.clear()
+        if self._frame == 0:
+            _export(
+                Usd.ClipsAPI.GenerateClipManifestFromLayers([frame], WORLD), self._file("manifest")
+            )
+        _export(frame, self._file(f"frame.{self._frame:06}"))
+        _export(self._root(self._frame), self.take / "root.usda")
+        self._frame += 1
+
+    def finish(self, sim: Simulation) -> None:
+        """Save the file under its own name; a later run starts it anew."""
+        if self._stage is None:
+            return
+        if self.single:
+            all_frames = Sdf.Layer.CreateAnonymous(".usdc")
+            all_frames.TransferContent(self._stage.GetRootLayer())
+            for number in range(self._frame):
+                frame = Sdf.Layer.OpenAsAnonymous(str(self._file(f"frame.{number:06}")))
+                UsdUtils.StitchLayers(all_frames, frame)
+            all_frames.startTimeCode, all_frames.endTimeCode = 0, self._frame - 1
+            _export(all_frames, self.path)
+            shutil.rmtree(self.take)
+        self._stage, self._frame = None, 0
+
+    def _file(self, name: str) -> Path:
+        return self.take / f"{name}.usdc"
+
+    def _root(self, last: int) -> Sdf.Layer:
+        """What shows all frames up to the last."""
+        root = Sdf.Layer.CreateAnonymous(".usda")
+        stage = Usd.Stage.Open(root)
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
+        root.startTimeCode, root.endTimeCode, root.defaultPrim = 0, last, WORLD[1:]
+        clips = Usd.ClipsAPI(stage.OverridePrim(WORLD))
+        clips.SetClipPrimPath(WORLD)
+        clips.SetClipManifestAssetPath("./manifest.usdc")
+        clips.SetClipTemplateAssetPath("./frame.######.usdc")
+        clips.SetClipTemplateStartTime(0)
+        clips.SetClipTemplateEndTime(last)
+        clips.SetClipTemplateStride(1)
+        del clips, stage  # which would look for the next at once
+        root.subLayerPaths.append("./still.usdc")
+        return root
+
+    def _write_frame(self, sim: Simulation, stage: Usd.Stage, time: Usd.TimeCode) -> None:
         stage.GetDefaultPrim().GetAttribute("warpdem:time").Set(sim.time, time)
         place = in_space(sim.position)
         self._write_elements(sim, place, time)
@@ -61,24 +124,27 @@ class UsdWriter:
             move.Set(Gf.Vec3d(*in_space(at[None])[0].tolist()), time)
             x, y, z, w = (0.0, 0.0, *q) if len(q) == 2 else q
             turn.Set(Gf.Quatf(float(w), float(x), float(y), float(z)), time)
-        stage.SetEndTimeCode(self._frame)
-        self._frame += 1
-
-    def finish(self, sim: Simulation) -> None:
-        """Save the file under its own name; a later run starts it anew."""
-        if self._stage is None:
-            return
-        with whole(self.path) as part:
-            self._stage.GetRootLayer().Export(str(part))
-        self._stage, self._frame = None, 0
 
     def _open(self, sim: Simulation) -> Usd.Stage:
+        """A stage of what does not change; an empty folder, or that of the run that goes on."""
+        if not self.take.exists():
+            self._frame = 0
+        missing = [n for n in range(self._frame) if not self._file(f"frame.{n:06}").exists()]
+        if missing:
+            raise InputError(
+                f"{self.take} lacks frames {missing[:5]} that were there at the checkpoint; put "
+                "them back, or hand over a writer of another name."
+            )
+        if self._frame == 0:
+            self._size = float(np.ptp(sim.position))
+            shutil.rmtree(self.take, ignore_errors=True)
+        folder(self.take)
         stage = Usd.Stage.CreateInMemory()
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
         stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
         stage.SetStartTimeCode(0)
-        world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
+        world = UsdGeom.Xform.Define(stage, WORLD).GetPrim()
         stage.SetDefaultPrim(world)
         world.CreateAttribute("warpdem:time", Sdf.ValueTypeNames.Double)
         packings = [b.packing for b in sim.scene.bodies]
@@ -106,9 +172,10 @@ class UsdWriter:
         if self._rods.any():
             self._bonds = self._define_curves(stage, "bonds", 0.3, (0.5, 0.5, 0.55))
         self._wall_moves = [
-            _define_wall(stage, f"/World/wall_{n}", wall.shape, float(np.ptp(sim.position)))
+            _define_wall(stage, f"/World/wall_{n}", wall.shape, self._size)
             for n, wall in enumerate(sim.scene.walls)
         ]
+        _export(stage.GetRootLayer(), self._file("still"))
         self._stage = stage
         return stage
 
@@ -144,6 +211,17 @@ class UsdWriter:
         curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), time)
         width = np.full(2 * len(ends), curves.GetWidthsAttr().Get()[0])
         curves.GetExtentAttr().Set(_extent(ends.reshape(-1, 3), width), time)
+
+
+def _export(layer: Sdf.Layer, path: Path) -> None:
+    """Write a layer under its name when it is whole and on the disk."""
+    with whole(path) as part:
+        try:
+            done = layer.Export(str(part))
+        except Tf.ErrorException as error:
+            raise OSError(str(error).strip().splitlines()[-1]) from None
+        if not done:
+            raise OSError("the USD library could not")
 
 
 def _define_wall(
