@@ -1,13 +1,14 @@
 """Walls: rigid shapes that elements touch, and how they move (theory B11)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Array, InputError, checked, finite, first_ids, positive
-from .friction import Friction
+from .friction import Friction, rubs
+from .material import Material
 
 Path = Callable[[float], Array]  # displacement (dim,) and turn (1,) or (3,) at a time [s]
 
@@ -137,8 +138,16 @@ class Wall:
     spin: Array  # [rad/s]
     pivot: Array  # the point that `spin`, `angle` and a path turn the shape about [m]
     angle: Array  # turn at the start
+    rolling_friction: float = 0.0
+    twisting_friction: float = 0.0
+    pairs: Mapping[Material, Friction] = field(default_factory=dict)  # friction on some materials
     path: Path | None = None
     steering: Steering | None = field(default=None, repr=False)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether some elements rub on it."""
+        return any(rubs(law) for law in (self.friction, *self.pairs.values()))
 
     @property
     def stands(self) -> bool:
