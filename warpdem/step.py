@@ -230,7 +230,10 @@ class Step:
 
     # what a checkpoint leaves out of a step's own numbers: arrays have their place in it, these
     # are views of them
-    not_saved = ("arrays", "_views", "_nothings")
+    not_saved = (
+        *("arrays", "_views", "_nothings"),
+        *("_energies", "_angles", "_stress_everywhere", "_relax", "_settle"),  # made when needed
+    )
     addresses = ("wall_mesh",)  # arrays that hold no numbers but where things are on this device
 
     def __init__(
