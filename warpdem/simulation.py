@@ -649,8 +649,9 @@ class Simulation:
 
     def wall_forces(self, wall: Wall) -> Array:
         """Force of every element on a wall [N], (n, dim)."""
+        row = self._row(wall)
         force = np.zeros((self.model.elements, self.model.features.dim))
-        force[self.model.contact_elements] = self._step.download("wall_reaction")[self._row(wall)]
+        force[self.model.contact_elements] = self._step.download("wall_reaction")[row]
         return force[: self.model.own_elements]
 
     def wall_torque(self, wall: Wall) -> Array:
