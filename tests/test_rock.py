@@ -344,6 +344,7 @@ def test_parameters_that_cannot_be_are_refused(make, says):
 # -- envelope and calibration ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_strength_envelope(tmp_path):
     found = strength_envelope(Specimen(**SMALL), (0.0, 10e6), out=tmp_path)
     assert found.confining == pytest.approx([0.0, 10e6])
