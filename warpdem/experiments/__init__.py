@@ -3,6 +3,7 @@
 from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
 from .envelope import Envelope, strength_envelope
+from .heterogeneous import Heterogeneous, HeterogeneousResult, heterogeneous
 from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
@@ -18,6 +19,8 @@ __all__ = [
     "Compression",
     "Confined",
     "Envelope",
+    "Heterogeneous",
+    "HeterogeneousResult",
     "Kalthoff",
     "KalthoffResult",
     "ModeI",
@@ -33,6 +36,7 @@ __all__ = [
     "brazilian",
     "compression",
     "confined",
+    "heterogeneous",
     "kalthoff",
     "material_strength",
     "mode_i",
