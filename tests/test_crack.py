@@ -275,3 +275,21 @@ def test_process_zone_ends_at_the_first_gap():
     )  # fmt: skip
     assert process_zone(sim) == pytest.approx(6.0)
     assert process_zone(sim, share=0.85) == 0.0
+
+
+def test_mode_i_by_toughness_and_overload():
+    """The Griffith load of a strip: its energy ahead, integrated over the height, is G_c."""
+    p = wd.experiments.ModeI(toughness=0.7e6, overload=1.0)
+    glass = p.material
+    free = p.height - 2.0 * sqrt(3.0) * p.spacing  # two rows are gripped on either side
+    stress = (glass.lame("strain") + 2.0 * glass.shear_modulus) * p.load
+    assert 0.5 * stress * p.load * free == pytest.approx(0.7e6**2 / glass.plane_modulus())
+    twice = wd.experiments.ModeI(toughness=0.7e6, overload=2.0)
+    assert twice.load == pytest.approx(2.0 * p.load)
+    small = {"length": 8e-4, "height": 3.7e-4, "notch": 1.5e-4, "toughness": 0.7e6}
+    # below the Griffith load nothing runs, well above it the crack does
+    for overload, runs in ((0.7, False), (1.6, True)):
+        found = wd.experiments.mode_i(wd.experiments.ModeI(**small, overload=overload))
+        assert np.isfinite(found.speed_over_rayleigh) == runs
+    with pytest.raises(wd.InputError, match="needs toughness"):
+        wd.experiments.ModeI(overload=1.5)

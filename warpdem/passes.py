@@ -72,7 +72,7 @@ class Team:
         size = launch.bounds.size
         if size < SHARED or not is_shareable(launch.kernel):
             return launch if rank == 0 else None
-        # whole vectors each, so that an index meets the same instructions whoever takes it
+        # whole loops each, so that an index meets the same instructions whoever takes it
         ends = [size * r // self.threads // CHUNK * CHUNK for r in range(self.threads)] + [size]
         first, last = ends[rank], ends[rank + 1]
         share = copy(launch)
@@ -97,7 +97,7 @@ def team_of(threads: int, device: str) -> Team | None:
             "the code that this version of Warp writes for a CPU is not known to warpdem, so one "
             "thread does all the work, in plain loops.",
             ModelWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
         return None
     return Team(int(threads))

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .errors import InputError
 from .friction import coulomb
 from .kernels.algebra import space
 from .kernels.box import strain_box
@@ -70,11 +71,12 @@ from .model import PLACES, Model
 from .neighbours import Neighbours
 from .passes import Launched, Part, Passes, Team, Varying
 from .patch import Patch
-from .relinking import RelinkLog
+from .relinking import RelinkLog, WeldLog
 from .wall import Mesh, turn_between
 
 HOLDS = 1e20  # a friction that lets nothing slide
 STEERING = 0.5  # share of the lacking force that a steered wall makes good for in a step
+WELD_NUMBERS = "weld_pressure", "weld_time", "weld_work", "weld_strength"
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
@@ -93,7 +95,11 @@ OPTIONAL = frozenset(
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
-        *("contact_moment", "contact_spring", "contact_opened", "slip_energy"),
+        *("any_moved", "contact_radius", "contact_width", "contact_compliance", "contact_image"),
+        *("contact_box", "contact_box_before", "contact_box_after"),
+        *("contact_welded", "contact_pressed", "contact_worked", "weld_event", "weld_normal"),
+        *("weld_shear", "weld_released", "weld_energy", "any_welded"),
+        *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         "restitution_energy",
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
@@ -108,7 +114,8 @@ SUMS = frozenset(
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
-        *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
+        "weld_energy",
+        *("contact_position", "contact_box_work", "slip_energy", "restitution_energy", "wall_work"),
         *("closing_slip_energy", "relink_energy", "healing_start"),
         *("wall_shape", "face_place"),
         *("wall_place", "wall_place_before", "wall_turn", "wall_turn_before"),
@@ -130,6 +137,11 @@ class Step:
     unless `synchronous`. A bond that breaks at the end of a step does so at that instant: the
     half kick before it has the old forces, the one after it the new.
     """
+
+    # what a checkpoint leaves out of a step's own numbers: arrays have their place in it, these
+    # are views of them
+    not_saved = ("arrays", "_shapes", "_flags", "_nothings")
+    addresses = ("wall_mesh",)  # arrays that hold no numbers but where things are on this device
 
     def __init__(
         self,
@@ -165,14 +177,20 @@ class Step:
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
+        self._stress_everywhere: wp.Launch | None = None
         self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
-        self.relinks = RelinkLog()
+        self.relinks, self.welds = RelinkLog(), WeldLog()
         self.neighbours: Neighbours | None = None
         self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
         self._walls_posed = False
         self._meshes = self._build_meshes()
+        # of a periodic box with contact: now, and at the end of the next step
+        fixed = model.contact_strain
+        self.box_strains = np.zeros((2, model.features.dim, model.features.dim))
+        if fixed is not None:
+            self.box_strains[:] = fixed
         if model.contact is not None and touches:
             self.neighbours = Neighbours(model, self.arrays, *self._space, self.device)
         self.forget_gaps()
@@ -195,6 +213,8 @@ class Step:
             self._settle.launch()
         if self.neighbours is not None and self._raised("any_touched"):
             self._settle_contact.launch()
+        if "any_welded" in self.arrays and self._raised("any_welded"):
+            self._note_welds()
         if self.model.criteria and self._raised("any_broken"):
             self.break_bonds()
         elif self.model.healing and self._raised("any_healed"):
@@ -207,6 +227,8 @@ class Step:
         if self.model.strain_history is not None:
             strain = np.asarray(self.model.strain_history(now + self.dt), dtype=np.float64)
             self._write("box_strain", strain.ravel())
+        if self.neighbours is not None and self.model.contact_period is not None:
+            self._move_sides(now)
         for name, histories, at in (
             ("load_factor", self.model.load_histories, now),
             ("grip_factor", self.model.grip_histories, now + 0.5 * self.dt),
@@ -217,6 +239,15 @@ class Step:
                     for grip, factor in self.servo_factors.items():
                         values[grip] = factor
                 self._write(name, values)
+
+    def _move_sides(self, now: float) -> None:
+        """Strains of a periodic box at this instant and at the end of the next step, and how far
+        its edges have moved by them."""
+        period, history = self.model.contact_period, self.model.strain_history
+        for at, name in enumerate(("contact_box_before", "contact_box")):
+            if history is not None:
+                self.box_strains[at] = history(now + at * self.dt)
+            self._write(name, (self.box_strains[at] * period).ravel())
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
@@ -233,7 +264,7 @@ class Step:
         if self.model.walls:
             self._pose_walls(moves)
         builds = self.neighbours.builds
-        if self.neighbours.refresh():
+        if self.neighbours.refresh(self.box_strains[int(moves)]):
             self._bind_contact()
         if self.neighbours.builds != builds:
             self._clear_contact()
@@ -249,25 +280,28 @@ class Step:
 
     def _pose_walls(self, moves: bool) -> None:
         """Poses of walls at this instant, or at the end of a step and how they came there."""
-        walls, middle = self.model.walls, self.model.contact_middle
-        assert middle is not None
-        if self._walls_posed and all(w.stands for w in walls):
+        if self._walls_posed and all(w.stands for w in self.model.walls):
             return
         self._walls_posed = True
-        before = [
-            w.pose(self.count * self.dt, x) for w, x in zip(walls, self.wall_way, strict=True)
-        ]
-        now, dt = before, self.dt
+        before, dt = self.wall_poses(self.count), self.dt
+        now = before
         if moves:
             self._steer_walls()
-            time = (self.count + 1) * dt
-            now = [w.pose(time, x) for w, x in zip(walls, self.wall_way, strict=True)]
+            now = self.wall_poses(self.count + 1)
         for name, poses in (("_before", before), ("", now)):
-            self._write("wall_place" + name, np.ravel([p - middle for p, _ in poses]))
+            self._write("wall_place" + name, np.ravel([p for p, _ in poses]))
             self._write("wall_turn" + name, np.ravel([q for _, q in poses]))
         pairs = list(zip(before, now, strict=True))
         self._write("wall_velocity", np.ravel([(b[0] - a[0]) / dt for a, b in pairs]))
         self._write("wall_spin", np.ravel([turn_between(a[1], b[1]) / dt for a, b in pairs]))
+
+    def wall_poses(self, step: int) -> list[tuple[NDArray, NDArray]]:
+        """Place [m], from the middle of the scene, and orientation of every wall at a step."""
+        middle, pairs = self.model.contact_middle, zip(self.model.walls, self.wall_way, strict=True)
+        if middle is None:
+            return []
+        poses = (wall.pose(step * self.dt, way) for wall, way in pairs)
+        return [(place - middle, turn) for place, turn in poses]
 
     def _steer_walls(self) -> None:
         """Move steered walls by the force they lack over an impedance (docs/equations.md)."""
@@ -378,6 +412,22 @@ class Step:
             last["step"] = self.download("break_step")[self.model.listed_bonds[rows]]
         self.relinks.add(rows, self.count, link, last)
 
+    def _note_welds(self) -> None:
+        """Write down which pairs have welded or broken at this instant."""
+        assert self.neighbours is not None
+        event = self.arrays["weld_event"]
+        kinds = event.numpy()
+        at, pairs = self.neighbours.entries(kinds != 0)
+        columns = (self.arrays["weld_" + x].numpy()[at] for x in ("normal", "shear", "released"))
+        self.welds.add(pairs, self.count, kinds[at], *columns)
+        event.zero_()
+
+    def welded(self) -> NDArray[np.int64]:
+        """Pairs of elements that are welded now, (p, 2), the lower id first."""
+        if self.neighbours is None or "contact_welded" not in self.arrays:
+            return np.zeros((0, 2), dtype=np.int64)
+        return self.neighbours.entries(self.arrays["contact_welded"].numpy() != 0)[1]
+
     def waiting(self) -> NDArray[np.int64]:
         """Listed bonds that meet their law of healing and lack the energy to link."""
         return np.flatnonzero(self.arrays["healing_state"].numpy() == WAITS)
@@ -410,7 +460,7 @@ class Step:
         yz, xz."""
         if self.model.bond_arm is None:
             return np.zeros((self.model.elements, 4 if self.model.features.dim == 2 else 6))
-        if "all_elements" not in self.arrays:
+        if self._stress_everywhere is None:
             self.upload("all_elements", np.arange(self.model.elements, dtype=np.int32))
             if "stress" not in self.arrays:
                 width = 4 if self.model.features.dim == 2 else 6
@@ -456,7 +506,8 @@ class Step:
     @property
     def work(self) -> float:
         """Work done so far by grips, loads and a periodic box [J]."""
-        return self._taken("element_work", "box_work", "dashpot_work", "wall_work")
+        names = "element_work", "box_work", "contact_box_work", "dashpot_work", "wall_work"
+        return self._taken(*names)
 
     def evaluate_angles(self) -> dict[str, NDArray[np.float64]]:
         """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
@@ -500,6 +551,21 @@ class Step:
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
         return sum(a.capacity for a in self.arrays.values())
+
+    def restore(self, name: str, value: NDArray, shape: tuple[int, ...]) -> None:
+        """Overwrite an array, bit by bit, by one that was kept; one that is not there is made."""
+        if name not in self.arrays:
+            self._shapes[name] = shape
+            dtype = wp.dtype_from_numpy(value.dtype)
+            self.arrays[name] = wp.array(value, dtype=dtype, device=self.device)
+            return
+        now = self.arrays[name].numpy()
+        if now.dtype != value.dtype or now.shape != value.shape:
+            raise InputError(
+                f"{name} of the checkpoint is {value.dtype} {value.shape}, of this simulation "
+                f"{now.dtype} {now.shape}; another warpdem, or another precision, wrote it."
+            )
+        self.arrays[name].assign(value)
 
     # -- passes -----------------------------------------------------------------------------------
 
@@ -546,11 +612,18 @@ class Step:
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
         is_hertz = m.contact.is_hertz
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, walls > 0)
+        is_periodic = m.contact_period is not None
+        welding = m.contact.welding
+        welds = welding is not None
+        weld_numbers = {x: getattr(welding, x.removeprefix("weld_"), 0.0) for x in WELD_NUMBERS}
+        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic, welds, walls > 0)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         mu, both = coulomb(m.contact.friction), []
-        for dt in (self.dt, 0.0):
-            passes = [self._bind(law, rows, dt=dt, friction=mu, **place)]
+        # at the end of a step the box is where it was to go, but else where it was before
+        after = {"contact_box_after": self.arrays.get("contact_box")}
+        still = {"contact_box": self.arrays.get("contact_box_before")}
+        for dt, sides in ((self.dt, {}), (0.0, still)):
+            passes = [self._bind(law, rows, dt=dt, friction=mu, **place, **sides, **weld_numbers)]
             if walls:
                 on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
                 passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
@@ -563,7 +636,8 @@ class Step:
 
         def settle(share: float) -> list[Launched]:
             numbers = {"restitution": restitution, "share": share}
-            paid = [self._bind(contact_settle(s, k, bounces), rows, **numbers)]
+            law = contact_settle(s, k, bounces, is_periodic)
+            paid = [self._bind(law, rows, dt=self.dt, **numbers, **still, **after)]
             if walls:
                 on_walls = wall_settle(s, k, kinds, bounces)
                 paid.append(self._bind(on_walls, rows, **numbers, **given))
@@ -581,7 +655,8 @@ class Step:
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        passes = [self._bind(contact_energies(s, k, m.rubs, is_hertz), rows)]
+        law = contact_energies(s, k, m.rubs, is_hertz, is_periodic, welds)
+        passes = [self._bind(law, rows, **still)]
         if walls:
             passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
         self._contact_energies = self._passes(passes)
@@ -969,11 +1044,20 @@ class Step:
             friction = HOLDS
         ages = m.faces_rub and m.ages and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, ages),
+            facet_closing(s, k, f.faces, m.faces_rub, ages, self._touch_law),
             evm_closing(s, k, f.faces.has_slip),
             slack=self._slack,
             friction=friction,
             dt=dt,
+        )
+
+    @property
+    def _touch_law(self) -> str | None:
+        """By which law elements touch, or None."""
+        return (
+            None
+            if self.neighbours is None or self.model.contact is None
+            else (self.model.contact.law)
         )
 
     def _over_listed(
@@ -1013,7 +1097,9 @@ class Step:
         if m.listed_bonds is not None and "closing_energy" not in self.arrays:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
-            facet_closing_energies(s, k, m.features.faces, m.faces_rub, near, self._simd),
+            facet_closing_energies(
+                s, k, m.features.faces, m.faces_rub, self._touch_law, near, self._simd
+            ),
             evm_closing_energies(s, k, m.features.faces.has_slip, near, self._simd),
             near=near,
             rows=self.arrays["patch_rows"] if near else None,

@@ -1,19 +1,30 @@
 """Published experiments as functions, each also a command `warpdem run NAME`."""
 
+from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
 from .envelope import Envelope, strength_envelope
+from .impact import Impact, ImpactResult, impact
+from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
 from .rock import Rock, RockResult
 from .shared import Result
+from .sliding_block import SlidingBlock, SlidingBlockResult, sliding_block
 from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
+from .spring_slider import SpringSlider, SpringSliderResult, spring_slider
 
 __all__ = [
+    "Branching",
+    "BranchingResult",
     "Brazilian",
     "Compression",
     "Confined",
     "Envelope",
+    "Impact",
+    "ImpactResult",
+    "Kalthoff",
+    "KalthoffResult",
     "ModeI",
     "ModeII",
     "ModeIIResult",
@@ -21,14 +32,23 @@ __all__ = [
     "Result",
     "Rock",
     "RockResult",
+    "SlidingBlock",
+    "SlidingBlockResult",
     "Specimen",
+    "SpringSlider",
+    "SpringSliderResult",
     "Tension",
+    "branching",
     "brazilian",
     "compression",
     "confined",
+    "impact",
+    "kalthoff",
     "material_strength",
     "mode_i",
     "mode_ii",
+    "sliding_block",
+    "spring_slider",
     "strength_envelope",
     "tension",
 ]

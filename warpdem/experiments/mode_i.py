@@ -11,12 +11,14 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine
+from ..checkpoint import Checkpoint
+from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine, Tensile
 from ..errors import InputError, one_of, positive
 from ..observe import CrackTracker, Snapshot
 from ..observe.vortex import find_vortices, on_grid
 from ..packing import Packing
 from ..scene import Scene
+from ..toughness import Toughness
 from ..write.whole import folder, unit_of, write_csv
 from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
 from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, CrackObservers, WeakPlane, follow
@@ -38,7 +40,9 @@ class ModeI(WeakPlane):
     about 0.7 MPa sqrt(m) at this element size. Strain over strength is that of the run
     eps_yy = 0.0015 of theory C6, and so is every speed over c_R: at small strain only the ratio
     counts. Both are 0.4 times as large, because what the energy ledger leaves unexplained grows
-    with the strain.
+    with the strain. Given toughness, strength follows from it and the spacing (`Toughness`); given
+    overload as well, the strain is so many times that of the Griffith load, at which the strip's
+    energy ahead of the crack, (lambda + 2G) strain^2 H/2, is K_Ic^2/E' (Rice 1968).
     """
 
     length: Annotated[float, "Length of the plate, m."] = 3e-3
@@ -46,10 +50,14 @@ class ModeI(WeakPlane):
     spacing: Annotated[float, "Distance of elements, m."] = 1e-5
     notch: Annotated[float, "Length of the notch, m."] = 0.25e-3
     strain: Annotated[float, "Strain across the crack."] = 0.0006
+    overload: Annotated[
+        float | None, "Load over Griffith's, in place of strain; needs toughness."
+    ] = None
     young: Annotated[float, "Young's modulus, Pa."] = 75e9
     poisson: Annotated[float, "Poisson's ratio."] = 0.25
     density: Annotated[float, "Density, kg/m^3."] = 2500.0
     strength: Annotated[float, "Tensile strength of the weak plane at this spacing, Pa."] = 180e6
+    toughness: Annotated[float | None, "K_Ic, Pa m^0.5, in place of strength."] = None
     bulk_strength: Annotated[
         float, "Strength elsewhere over the weak plane's; inf: unbreakable."
     ] = inf
@@ -69,12 +77,31 @@ class ModeI(WeakPlane):
             raise InputError(f"refine is {self.refine}; it must be 1 or more.")
         if self.notch >= 0.5 * self.length:
             raise InputError("the notch must be shorter than half the plate's length.")
-        if not 0.0 < self.strain < 0.05:
-            raise InputError(f"strain is {self.strain:g}; give a small one, above 0, below 0.05.")
+        for name in ("toughness", "overload"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), ())
+        if self.overload is not None and self.toughness is None:
+            raise InputError("an overload is of the Griffith load, which needs toughness: give it.")
+        if not 0.0 < self.load < 0.05:
+            raise InputError(f"strain is {self.load:g}; give a small one, above 0, below 0.05.")
 
-    def fracture(self) -> Criterion:
+    @property
+    def load(self) -> float:
+        """Strain across the crack, given or by the overload."""
+        if self.overload is None or self.toughness is None:
+            return self.strain
+        m = self.material
+        free = self.height - GRIP_LAYERS * sqrt(3.0) * self.spacing / self.refine
+        modulus = m.lame("strain") + 2.0 * m.shear_modulus
+        return self.overload * self.toughness * sqrt(2.0 / (m.plane_modulus() * modulus * free))
+
+    def fracture(self) -> Criterion | Toughness:
         """The criterion, its tensile strength scaled to the element size."""
-        tension = self.strength * sqrt(self.refine)
+        if self.toughness is not None:
+            return Toughness(self._criterion(1.0), self.toughness)
+        return self._criterion(self.strength * sqrt(self.refine))
+
+    def _criterion(self, tension: float) -> Tensile:
         if self.criterion == "drucker-prager":
             return DruckerPrager(compression=RATIO * tension, ratio=RATIO)
         if self.criterion == "rankine":
@@ -117,12 +144,14 @@ def mode_i(
     observers: CrackObservers | None = None,
     say: Say = silent,
     frames: int = 24,
+    checkpoint: Checkpoint | None = None,
 ) -> ModeIResult:
     """Run a mode I crack and measure its speed.
 
     out: folder for crack.png, crack.usd, broken_bonds.csv and run.json; None writes nothing.
     observers: makes further observers of the run; say: is told what happens, line by line;
-    frames: of the USD scene. Raises InputError for parameters that cannot be run.
+    frames: of the USD scene; checkpoint: of the run, which goes on from its file if there is one.
+    Raises InputError for parameters that cannot be run.
     """
     began = time.perf_counter()
     p = parameters or ModeI()
@@ -132,16 +161,18 @@ def mode_i(
     scene = Scene()
     body = scene.add(plate, p.material, fracture=p.fracture())
     start, end = (-p.spacing, p.plane_height), (p.length + p.spacing, p.plane_height)
+    weak = plate.crossing(start, end)
+    strength = body.strength_factor[weak]
     scene.set_strength(body, p.bulk_strength)
-    scene.set_strength(body, 1.0, start, end)
+    body.strength_factor[weak] = strength
     scene.cut(body, start, (p.notch, p.plane_height))
-    scene.strain(body, [[0.0, 0.0], [0.0, p.strain]])
+    scene.strain(body, [[0.0, 0.0], [0.0, p.load]])
     for side in ("top", "bottom"):
         scene.hold(body, plate.side(side, GRIP_LAYERS))
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, threads=threads)
+    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
     rayleigh = p.material.rayleigh_speed("strain")
     window = p.length / 12.0
     # the last twelfth of the plate feels the free edge and is left out
@@ -197,7 +228,7 @@ def _write(where: Path, p: ModeI, result: ModeIResult, precision: str, tip: floa
         result.crack,
         result.field,
         result.rayleigh_speed,
-        f"Mode I crack, strain {p.strain:g}, {result.elements} elements, {precision}",
+        f"Mode I crack, strain {p.load:.3g}, {result.elements} elements, {precision}",
         crack_line=(0.0, p.plane_height),
         tip=tip,
         reach=0.16 * p.length,

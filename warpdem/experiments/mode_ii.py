@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checkpoint import Checkpoint
 from ..criteria import DruckerPrager, equivalent_stress
 from ..errors import Array, InputError, finite, one_of, positive
 from ..observe import CrackTracker, Snapshot
@@ -109,14 +110,17 @@ class ModeIIResult(Result):
     plateau_over_rayleigh: median of all windows before the first above the speed of S waves, the
     very first left out; plateau_spacings: longest stretch of growth at 0.88 to 1.02 of Rayleigh's
     speed; final_over_p: median of the last quarter of windows over the speed of P waves;
-    rank_correlation: Spearman's of speed and length; forbidden_share: of windows in
-    steady stretches (three in a row within 3 %) those between Rayleigh's speed and that of S waves.
+    transition_spacings: growth at which two windows in a row first exceed the speed of S waves, in
+    spacings, NaN if none do; rank_correlation: Spearman's of speed and length; forbidden_share: of
+    windows in steady stretches (three in a row within 3 %) those between Rayleigh's speed and that
+    of S waves.
     """
 
     final_over_p: float
     plateau_over_rayleigh: float
     plateau_spacings: float
     final_over_rayleigh: float
+    transition_spacings: float
     rank_correlation: float
     forbidden_share: float
     seismic_ratio: float
@@ -143,12 +147,14 @@ def mode_ii(
     observers: CrackObservers | None = None,
     say: Say = silent,
     frames: int = 24,
+    checkpoint: Checkpoint | None = None,
 ) -> ModeIIResult:
     """Run a mode II crack and measure its speed.
 
     out: folder for crack.png, crack.usd, CSV files and run.json; None writes nothing. observers:
     makes further observers of the run; say: is told what happens, line by line; frames: of the USD
-    scene. Raises InputError for parameters that cannot be run.
+    scene; checkpoint: of the run, which goes on from its file if there is one. Raises InputError
+    for parameters that cannot be run.
     """
     began = time.perf_counter()
     p = parameters or ModeII()
@@ -174,8 +180,8 @@ def mode_ii(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, threads=threads)
-    if p.start == "surface":
+    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
+    if p.start == "surface" and not sim.steps:
         say("bringing the sheared plate to rest")
         sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[precision])
     rayleigh = p.material.rayleigh_speed("strain")
@@ -217,15 +223,19 @@ def _levels(length: Array, speed: Array, p: ModeII) -> dict[str, Any]:
     """The plain numbers of `ModeIIResult`, NaN where the crack did not run far enough."""
     from scipy.stats import spearmanr
 
-    names = ("plateau_over_rayleigh", "final_over_p", "final_over_rayleigh", "rank_correlation")
-    found: dict[str, Any] = dict.fromkeys((*names, "forbidden_share"), float("nan")) | {
-        "plateau_spacings": 0.0
-    }
+    names = (
+        *("plateau_over_rayleigh", "final_over_p", "final_over_rayleigh", "rank_correlation"),
+        *("forbidden_share", "transition_spacings"),
+    )
+    found: dict[str, Any] = dict.fromkeys(names, float("nan")) | {"plateau_spacings": 0.0}
     if len(speed) < 4:
         return found
     rayleigh = p.material.rayleigh_speed("strain")
     over = speed / rayleigh
-    fast = np.flatnonzero(speed > p.material.shear_speed())
+    above = speed > p.material.shear_speed()
+    fast, both = np.flatnonzero(above), np.flatnonzero(above[1:] & above[:-1])
+    if len(both):
+        found["transition_spacings"] = float(length[both[0]]) / p.spacing
     before = over[1 : fast[0]] if len(fast) else over[1:]  # the first window is the start's
     if len(before):
         found["plateau_over_rayleigh"] = float(np.median(before))

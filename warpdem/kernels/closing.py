@@ -14,6 +14,8 @@ from .algebra import Laws
 from .memory import nn
 
 UNKNOWN = 1.0e30  # gap of a pair that was not unlinked before, or whose state was overwritten
+TURNED = 2.0e30  # of one whose faces have turned away from each other
+PARTED = 3.0e30  # of one that is any pair from now on
 
 
 @cache

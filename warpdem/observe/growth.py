@@ -144,6 +144,24 @@ def find_branches(place: ArrayLike, time: ArrayLike, reach: float, least: float)
     return [branch for found in cracks for branch in found]
 
 
+def path_angle(path: ArrayLike) -> float:
+    """Angle of a path's places (m, 2) [m] to the x axis, in degrees: a robust fit.
+
+    The median direction of all pairs of places at least a third of the chord apart: nearer ones
+    see single steps of a lattice. NaN of fewer than two places.
+    """
+    x = finite("path", path, (None, 2))
+    if len(x) < 2 or not (chord := x[-1] - x[0]).any():
+        return float("nan")
+    size = np.linalg.norm(chord)
+    along = chord / size
+    i, j = np.triu_indices(len(x), 1)
+    step = x[j] - x[i]
+    far = step @ along >= size / 3.0
+    turn = np.arctan2(step[far] @ np.array([-along[1], along[0]]), step[far] @ along)
+    return float(np.degrees(np.arctan2(along[1], along[0]) + np.median(turn)))
+
+
 def front_speeds(
     place: ArrayLike,
     time: ArrayLike,

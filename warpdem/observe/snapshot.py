@@ -16,21 +16,26 @@ if TYPE_CHECKING:
 class Snapshot:
     """Keeps places and velocities the first time a condition holds, looking every `every` steps.
 
-    After it was taken: time [s], position [m] and velocity [m/s] (n, dim); `taken`
-    says whether it was.
+    After it was taken: time [s], position [m] and velocity [m/s] (n, dim), with `stress` the
+    greatest principal one [Pa] (n,); `taken` says whether it was.
     """
 
-    def __init__(self, when: Callable[[Simulation], bool], every: int = 20) -> None:
-        self.every, self.when, self.taken = every, when, False
+    def __init__(
+        self, when: Callable[[Simulation], bool], every: int = 20, stress: bool = False
+    ) -> None:
+        self.every, self.when, self.taken, self._stress = every, when, False, stress
         self.time = np.nan
         self.position: Array = np.zeros((0, 2))
         self.velocity: Array = np.zeros((0, 2))
+        self.stress: Array = np.zeros(0)
 
     def observe(self, sim: Simulation) -> None:
         """Take it, if it is time."""
         if not self.taken and self.when(sim):
             self.taken, self.time = True, sim.time
             self.position, self.velocity = sim.position, sim.velocity
+            if self._stress:
+                self.stress = sim.principal_stress[:, 0]
 
     def finish(self, sim: Simulation) -> None:
         """Nothing is left to do."""

@@ -1,42 +1,44 @@
 """Lattices in boxes."""
 
 from collections.abc import Mapping, Sequence
-from math import sqrt
+from math import prod, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, one_of
+from ..errors import InputError, checked, one_of, whole
 from .packing import SIDES, Mask, Packing, check_box
 
 
+@checked
 def hexagonal(
     size: Sequence[float],
     spacing: float,
     plane: str = "strain",
     thickness: float = 1.0,
     neighbours: int = 1,
+    rows: str = "x",
 ) -> Packing:
-    """Close-packed rows along x in a box from (0, 0), cells of area sqrt(3)/2 spacing^2.
+    """Close-packed rows in a box from (0, 0), cells of area sqrt(3)/2 spacing^2.
 
     size: width and height [m] of the box; spacing: distance d of neighbours [m]; plane: "strain"
-    or "stress"; thickness [m]; neighbours: 2 adds bonds to second neighbours, without faces.
+    or "stress"; thickness [m]; neighbours: 2 adds bonds to second neighbours, without faces; rows:
+    the axis that they run along, "x" or "y".
     """
     check_box(size, spacing, 2)
+    one_of("rows", rows, ("x", "y"))
+    along = int(rows == "y")
     pitch = sqrt(3.0) / 2.0 * spacing
-    columns, rows = round(size[0] / spacing), round(size[1] / pitch)
-    _filled(columns, rows)
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    x = (column + 0.25 + 0.5 * (row % 2)) * spacing
-    y = (row + 0.5) * pitch
-    sides = {
-        "left": column == 0,
-        "right": column == columns - 1,
-        "bottom": row == 0,
-        "top": row == rows - 1,
-    }
+    columns, count = round(size[along] / spacing), round(size[1 - along] / pitch)
+    _filled(columns, count)
+    row, column = np.divmod(np.arange(count * columns), columns)
+    place = [(column + 0.25 + 0.5 * (row % 2)) * spacing, (row + 0.5) * pitch]
+    ends = [(column == 0, column == columns - 1), (row == 0, row == count - 1)]
+    if along:
+        place, ends = place[::-1], ends[::-1]
+    sides = dict(zip(("left", "right", "bottom", "top"), (*ends[0], *ends[1]), strict=True))
     return _lattice(
-        np.stack([x, y], axis=1),
+        np.stack(place, axis=1),
         spacing,
         volume=pitch * spacing * thickness,
         area=spacing / sqrt(3.0) * thickness,
@@ -48,6 +50,7 @@ def hexagonal(
     )
 
 
+@checked
 def square(
     size: Sequence[float],
     spacing: float,
@@ -74,6 +77,7 @@ def square(
     )
 
 
+@checked
 def simple_cubic(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Cubic cells in a box from (0, 0, 0). Facet bonds leave it with gear modes (theory B8).
 
@@ -92,6 +96,7 @@ def simple_cubic(size: Sequence[float], spacing: float, neighbours: int = 1) -> 
     )
 
 
+@checked
 def bcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Body-centred cubic packing, eight neighbours, in a box from (0, 0, 0).
 
@@ -115,6 +120,7 @@ def bcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     )
 
 
+@checked
 def fcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Face-centred cubic packing, cube edges along the axes, in a box from (0, 0, 0).
 
@@ -193,3 +199,4 @@ def _sides(sites: NDArray[np.int64], layers: int = 1) -> dict[str, Mask]:
 def _filled(*counts: int) -> None:
     if min(counts) < 1:
         raise InputError("the box holds no element; enlarge size or reduce spacing.")
+    whole("the number of elements", prod(counts))

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
+from ..errors import Array, InputError, ModelWarning, checked, finite, first_ids, one_of, positive
 
 Mask = NDArray[np.bool_]
 SIDES = ("left", "right", "bottom", "top", "back", "front")  # along x, y, z
 
 
+@checked
 @dataclass(frozen=True)
 class Packing:
     """Elements and the bonds between them, in the reference state.
@@ -78,7 +79,9 @@ class Packing:
             raise InputError(f"ids must be {n} different integers.")
         set_(self, "ids", ids.astype(np.int64))
         set_(self, "sides", {name: self._checked(name, mask) for name, mask in self.sides.items()})
-        if self.spacing == 0.0:
+        if self.spacing != 0.0:
+            positive("spacing", self.spacing, ())
+        else:
             length = self.bond_length
             apart = np.mean(length if len(length) else 2.0 * np.asarray(self.radius))
             set_(self, "spacing", float(apart))
@@ -193,7 +196,7 @@ class Packing:
                 f"the faces of elements {first_ids(full)} enclose more than their volume, which is "
                 "right only where the free surface turns inwards, as at the tip of a notch.",
                 ModelWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
 
     def index(self, ids: ArrayLike) -> NDArray[np.int64]:
@@ -236,6 +239,23 @@ class Packing:
             area=own(self.area, kept),
             arms=own(self.arms, kept),
             sides={name: mask[~gone] for name, mask in sides.items()},
+        )
+
+    def slit(self, start: ArrayLike, end: ArrayLike, depth: ArrayLike | None = None) -> "Packing":
+        """The packing without the bonds across a segment [m] (see `crossing`): a machined slot.
+
+        Its faces are free surface that slides and closes without resistance, where those of
+        `Scene.cut` resist closing.
+        """
+        kept = np.ones(len(self.bonds), dtype=bool)
+        kept[self.crossing(start, end, depth)] = False
+        if kept.all():
+            raise InputError(f"no bond crosses the segment from {start!r} to {end!r}.")
+        return replace(
+            self,
+            bonds=self.bonds[kept],
+            area=None if self.area is None else self.area[kept],
+            arms=None if self.arms is None else self.arms[kept],
         )
 
     def save(self, path: str | Path) -> None:

@@ -1,8 +1,18 @@
 """Cracks that run: levels of the second paper's figures 4 and 6 (theory C3 rows 30-32, C6)."""
 
 from collections.abc import Iterator
+from statistics import mean
 
-from ..experiments import ModeI, ModeII, mode_i, mode_ii
+from ..experiments import (
+    Branching,
+    Kalthoff,
+    ModeI,
+    ModeII,
+    branching,
+    kalthoff,
+    mode_i,
+    mode_ii,
+)
 from .case import Measurement, case
 
 
@@ -63,3 +73,52 @@ def mode_ii_transition() -> Iterator[Measurement]:
     for ratio, low, high in ((2.4, 0.4, 0.56), (0.7, 0.8, 1.0)):
         found = mode_ii(ModeII("bulk", seismic_ratio=ratio, overload=1.6)).final_over_p
         yield _between(f"final over c_P, S {ratio:g}", found, low, high, "Andrews 1976")
+
+
+@case("crack", slow=True)
+def mode_i_overload_and_resolution() -> Iterator[Measurement]:
+    """Mode I given by K_Ic and the load over Griffith's: speeds, at two spacings of one K_Ic."""
+    for packing in ("hexagonal", "voronoi"):
+        for overload in (1.3, 1.65, 2.0):
+            coarse, fine = (
+                mode_i(
+                    ModeI(
+                        length=2e-3, spacing=1.5e-5, refine=refine, packing=packing,
+                        toughness=0.7e6, overload=overload,
+                    )
+                ).speed_over_rayleigh
+                for refine in (1, 2)
+            )  # fmt: skip
+            what = f"{packing}, overload {overload:g}"
+            yield _between(f"speed over c_R, {what}", coarse, 0.88, 1.0, "Shilko Fig. 4b")
+            yield _between(f"speed over c_R, {what}, finer", fine, 0.88, 1.0, "Shilko Fig. 4b")
+            change = abs(fine - coarse)
+            yield _below(f"change with the spacing, {what}", change, 0.03, "theory C6")
+
+
+@case("crack", slow=True)
+def kalthoff_winkler() -> Iterator[Measurement]:
+    """Kalthoff and Winkler's plate: angle and start of the crack, on lattice and random cells."""
+    plates = {
+        "hexagonal, rows along x": Kalthoff(spacing=5e-4),
+        **{f"voronoi, seed {n}": Kalthoff(packing="voronoi", seed=n) for n in range(3)},
+    }
+    for what, plate in plates.items():
+        found = kalthoff(plate)
+        angle, source = found.angle_degrees, "Kalthoff and Winkler 1988"
+        yield Measurement(f"angle, {what}", 67.5, source, angle, abs(angle - 67.5), 7.0)
+        start = found.start_time * 1e6
+        yield _between(f"start [us], {what}", start, 20.0, 29.0, "Borden 2012, Belytschko 2003")
+        yield _below(f"median speed over c_R, {what}", found.median_over_rayleigh, 0.6, "as before")
+
+
+@case("crack", slow=True)
+def glass_plate_branches() -> Iterator[Measurement]:
+    """A glass plate pulled apart: when its crack branches, and how fast it was before."""
+    found = [branching(Branching(seed=seed)) for seed in range(4)]
+    onset = mean(r.branching_time for r in found) * 1e6
+    low, high = 0.85 * 32.0, 1.15 * 37.0
+    yield _between("onset [us], mean of four seeds", onset, low, high, "Borden 2012, 15 %")
+    for seed, r in enumerate(found):
+        what = f"speed over c_R before it, seed {seed}"
+        yield _below(what, r.before_over_rayleigh, 0.65, "Borden 2012")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ..errors import Array
 from ..observe import CrackTracker, Snapshot
@@ -155,3 +157,87 @@ def _draw_field(
         aspect="equal",
         title="Streamlines of the velocity near the tip (thick line: crack)",
     )
+
+
+def draw_free_crack(
+    path: Path,
+    title: str,
+    position: Array,
+    field: Snapshot,
+    log: NDArray[np.void],
+    speeds: NDArray[np.void],
+    reference_speed: float,
+    expected: dict[str, Any],
+) -> None:
+    """Paths of cracks over the stress at one instant, and their speeds against time.
+
+    position (n, 2) [m]: of elements at first; field: with the greatest principal stress; log: of
+    broken bonds; speeds: columns branch, time [s], speed [m/s]; reference_speed [m/s]: of Rayleigh
+    waves; expected: published facts to draw beside: `notches` [m], `lines` (m, 2) [m] (closed ones
+    are filled), `levels` of speed over the reference, `times` (first, last) [s], by their words.
+    """
+    factor, unit = unit_of(float(np.ptp(position, axis=0).max()))
+    wide = np.ptp(position[:, 0]) > 1.6 * np.ptp(position[:, 1])
+    fig = Figure(figsize=(9.5, 8.5) if wide else (14, 6), layout="constrained")
+    left, right = fig.subplots(2, 1) if wide else fig.subplots(1, 2)
+    fig.suptitle(title)
+    if field.taken:
+        image, extent = _nearest(position, field.stress)
+        limit = np.nanpercentile(np.abs(image), 99.0) / 1e6
+        shown = left.imshow(
+            image / 1e6, extent=[factor * e for e in extent], origin="lower", cmap="RdBu_r",
+            vmin=-limit, vmax=limit, alpha=0.6, interpolation="nearest",
+        )  # fmt: skip
+        words = f"greatest principal stress at {field.time * 1e6:.3g} µs [MPa]"
+        fig.colorbar(shown, ax=left, label=words, shrink=0.85)
+    for words, line in expected["lines"].items():
+        left.fill(*(factor * line.T), facecolor="0.5", edgecolor="0.3", alpha=0.35, label=words)
+    for notch in expected["notches"]:
+        left.plot(*(factor * np.array(notch).T), color="k", lw=3, label="notch")
+    dots = left.scatter(
+        log["x"] * factor, log["y"] * factor, c=log["time"] * 1e6, s=7, cmap="viridis", zorder=3
+    )
+    fig.colorbar(dots, ax=left, label="broken bonds: time [µs]", shrink=0.85)
+    left.set(
+        aspect="equal",
+        xlim=(factor * position[:, 0].min(), factor * position[:, 0].max()),
+        ylim=(factor * position[:, 1].min(), factor * position[:, 1].max()),
+        xlabel=f"x [{unit}]",
+        ylabel=f"y [{unit}]",
+        title="Paths of the cracks",
+    )
+    if left.get_legend_handles_labels()[0]:
+        left.legend(loc="upper left", fontsize=9)
+    for number in np.unique(speeds["branch"]):
+        rows = np.sort(speeds[speeds["branch"] == number], order="time")
+        x, y = rows["time"] * 1e6, rows["speed"] / reference_speed
+        right.plot(x, y, "o-", ms=4, label=f"branch {number}" if number < 8 else None)
+    for words, (first, last) in expected["times"].items():
+        right.axvspan(first * 1e6, last * 1e6, color="C2", alpha=0.2, label=words)
+    for words, level in expected["levels"].items():
+        right.axhline(level, color="0.4", ls="--", lw=1)
+        right.text(
+            0.99, level, words, transform=right.get_yaxis_transform(), ha="right", va="bottom"
+        )
+    right.set(
+        xlabel="time [µs]",
+        ylabel="crack speed / Rayleigh wave speed",
+        ylim=(0.0, 1.2),
+        title="Crack speed from break times",
+    )
+    right.set_xlim(left=0.0)
+    if right.get_legend_handles_labels()[0]:
+        right.legend(fontsize=9, loc="upper right", ncols=2)
+    with whole(path) as part:
+        fig.savefig(part, dpi=110)
+
+
+def _nearest(position: Array, value: Array, pixels: int = 500) -> tuple[Array, list[float]]:
+    """An image of the value of the nearest element, and its extent [m]."""
+    from scipy.spatial import cKDTree
+
+    low, high = position.min(axis=0), position.max(axis=0)
+    step = float((high - low).max()) / pixels
+    x, y = (np.arange(a, b + step, step) for a, b in zip(low, high, strict=True))
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    return value[cKDTree(position).query(grid)[1]], [low[0], high[0], low[1], high[1]]

@@ -1,0 +1,147 @@
+"""A tensile crack through a strip of uneven strength: its path roughens and it slows down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import gamma, inf, isfinite, nan, pi, sqrt
+from typing import Annotated, Any, Unpack
+
+import numpy as np
+
+from ..criteria import Rankine
+from ..errors import Array, InputError, finite, positive
+from ..observe.growth import Branch, path_angle
+from ..packing import Packing
+from ..scene import Body, Scene
+from ..toughness import Toughness
+from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
+from .shared import Options
+
+SIZE, NOTCH = (2e-3, 1.05e-3), 0.25e-3  # m
+GRIP_LAYERS, GUARD_LAYERS = 2, 2
+
+
+@dataclass(frozen=True)
+class Heterogeneous(FreeCrack):
+    """What is simulated. SI units.
+
+    A strip of glass of 2 x 1.05 mm in plane strain, strained across a notch and gripped above and
+    below, without a weak plane. The strain is `overload` times the strip's Griffith load, at which
+    the energy ahead of the crack is G_c. Strengths of bonds, which G_c gives (`Toughness`), are
+    multiplied by random factors of Weibull's distribution of modulus `weibull` and mean 1, and
+    within round inclusions by `inclusion_strength`.
+    """
+
+    spacing: Annotated[float, "Distance of elements, m."] = 1e-5
+    packing: Annotated[str, f"Arrangement of elements: {', '.join(PACKINGS)}."] = "voronoi"
+    young: Annotated[float, "Young's modulus, Pa."] = 75e9
+    poisson: Annotated[float, "Poisson's ratio."] = 0.25
+    density: Annotated[float, "Density, kg/m^3."] = 2500.0
+    fracture_energy: Annotated[float, "G_c, J/m^2."] = 6.0
+    duration: Annotated[float, "Time simulated, s."] = 1e-6
+    overload: Annotated[float, "Load over Griffith's."] = 1.3
+    weibull: Annotated[float, "Weibull modulus of bonds' strengths; inf: all alike."] = 5.0
+    inclusions: Annotated[float, "Share of the area that inclusions take."] = 0.0
+    inclusion_size: Annotated[float, "Diameter of the inclusions, m."] = 8e-5
+    inclusion_strength: Annotated[float, "Their strength over that of the rest."] = 1.5
+
+    name = "heterogeneous"
+    title = "Crack in a strip of uneven strength"
+    size = SIZE
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("overload", "inclusion_size", "inclusion_strength"):
+            positive(name, getattr(self, name), ())
+        if isfinite(self.weibull):
+            positive("weibull", self.weibull, ())
+        if not 0.0 <= finite("inclusions", self.inclusions, ()) <= 0.5:
+            raise InputError(f"inclusions take {self.inclusions:g} of the area; give 0 to 0.5.")
+
+    @property
+    def tip(self) -> tuple[float, float]:
+        """Tip of the notch [m]."""
+        return NOTCH, 0.5 * SIZE[1]
+
+    @property
+    def load(self) -> float:
+        """Strain across the strip."""
+        m = self.material
+        free = SIZE[1] - GRIP_LAYERS * sqrt(3.0) * self.spacing
+        modulus = m.lame("strain") + 2.0 * m.shear_modulus
+        return self.overload * sqrt(2.0 * self.fracture_energy / (modulus * free))
+
+    def centres(self) -> Array:
+        """Centres of the inclusions [m], (m, 2), apart from each other."""
+        rng = np.random.default_rng(self.seed)
+        count = round(self.inclusions * SIZE[0] * SIZE[1] / (0.25 * pi * self.inclusion_size**2))
+        found: list[Array] = []
+        for place in rng.random((1000 * count, 2)) * SIZE:
+            if len(found) == count:
+                break
+            if not found or np.linalg.norm(found - place, axis=1).min() > self.inclusion_size:
+                found.append(place)
+        return np.array(found).reshape(-1, 2)
+
+    def build(self, plate: Packing) -> tuple[Scene, Body]:
+        """The notched strip under its strain."""
+        plate = plate.slit((-NOTCH, self.tip[1]), self.tip)
+        scene = Scene()
+        law = Toughness(Rankine(1.0), energy=self.fracture_energy)
+        body = scene.add(plate, self.material, fracture=law)
+        if isfinite(self.weibull):
+            scene.scatter_strength(body, self.weibull, self.seed)
+            body.strength_factor /= gamma(1.0 + 1.0 / self.weibull)
+        middle = plate.position[plate.bonds].mean(axis=1)
+        for centre in self.centres():
+            inside = np.linalg.norm(middle - centre, axis=1) < 0.5 * self.inclusion_size
+            body.strength_factor[inside] *= self.inclusion_strength
+        scene.strain(body, [[0.0, 0.0], [0.0, self.load]])
+        near = np.zeros(len(plate), dtype=bool)
+        for side in ("bottom", "top"):
+            scene.hold(body, plate.side(side, GRIP_LAYERS))
+            near |= plate.side(side, GRIP_LAYERS + GUARD_LAYERS)
+        # a strip breaks at a grip of its own accord no sooner than a plate without one
+        body.strength_factor[near[plate.bonds].any(axis=1)] = inf
+        return scene, body
+
+    @property
+    def expected(self) -> Expected:
+        """The notch, and outlines of inclusions."""
+        turn = np.linspace(0.0, 2.0 * pi, 24)
+        ring = 0.5 * self.inclusion_size * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        lines = {f"_{k}": centre + ring for k, centre in enumerate(self.centres())}
+        return Expected((((0.0, self.tip[1]), self.tip),), lines)
+
+
+@dataclass
+class HeterogeneousResult(FreeCrackResult):
+    """What came out; roughness_spacings: root of the mean square distance of the crack's path from
+    a straight line fitted to it, in spacings; tortuosity: its length over that of the line."""
+
+    roughness_spacings: float
+    tortuosity: float
+
+
+def heterogeneous(
+    parameters: Heterogeneous | None = None, **options: Unpack[Options]
+) -> HeterogeneousResult:
+    """Run a tensile crack through a strip of uneven strength: how rough and how fast it is.
+
+    options: device, precision, out, observers, say, frames, as of `free_crack.free_crack`.
+    """
+    p = parameters or Heterogeneous()
+
+    def measure(own: list[Branch], _: dict[str, Any]) -> dict[str, Any]:
+        if not own:
+            return {"roughness_spacings": nan, "tortuosity": nan}
+        path = own[0].path
+        angle = np.radians(path_angle(path))
+        across = path @ np.array([-np.sin(angle), np.cos(angle)])
+        span = float(np.linalg.norm(path[-1] - path[0]))
+        return {
+            "roughness_spacings": float(across.std()) / p.spacing,
+            "tortuosity": own[0].length / span,
+        }
+
+    return free_crack(p, HeterogeneousResult, measure, **options)
