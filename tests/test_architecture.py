@@ -62,9 +62,13 @@ ALLOWED = {
         *("friction", "relinking", "viscoelasticity", "wall"),
     },
     "sweeps": {"errors", "experiments", "write"},
+    "benchmark": {
+        *("errors", "bond", "criteria", "experiments", "material", "packing", "plasticity"),
+        *("scene", "section", "simulation", "validation", "write"),
+    },
     "cli": {
         *("archive", "checkpoint", "errors", "experiments", "observe", "simulation", "sweeps"),
-        *("validation", "write"),
+        *("benchmark", "validation", "write"),
     },
     "__main__": {"cli"},
 }

@@ -136,10 +136,11 @@ class Simulation:
         frequency = 0.0
         for linked in link_states(self.model):
             trial = state_arrays(self.model, scene, linked)
-            step = Step(
-                self.model, trial, 1.0, precision, self.device, simd, slack=np.inf, touches=False
+            found = largest_frequency(  # the trial's memory is free again at once
+                Step(self.model, trial, 1.0, precision, self.device, simd, np.inf, touches=False),
+                self._spacing,
             )
-            frequency = max(frequency, largest_frequency(step, self._spacing))
+            frequency = max(frequency, found)
         touch = bound_contact(self.model)
         frequency = float(np.hypot(frequency, touch))
         bound = float(np.hypot(bound_frequency(self.model), touch))
@@ -431,6 +432,18 @@ class Simulation:
         """Device memory in use [B]."""
         return self._step.bytes
 
+    @property
+    def memory(self) -> dict[str, int]:
+        """Device memory of every array by name [B], the largest first."""
+        size = {name: a.capacity for name, a in self._step.arrays.items()}
+        return dict(sorted(size.items(), key=lambda item: -item[1]))
+
+    @property
+    def kernels(self) -> list[str]:
+        """Names of the kernels that a step launches, in order; the rare passes of steps in which
+        bonds break or contacts close are not among them."""
+        return self._step.kernels
+
     def seconds_per_step(self) -> float:
         """Wall time of one step [s], estimated from the force passes of this scene."""
         samples = []
@@ -628,8 +641,13 @@ class Simulation:
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
-        row = self._row(wall)
-        return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+        return self.wall_forces(wall).sum(axis=0)
+
+    def wall_forces(self, wall: Wall) -> Array:
+        """Force of every element on a wall [N], (n, dim)."""
+        force = np.zeros((self.model.elements, self.model.features.dim))
+        force[self.model.contact_elements] = self._step.download("wall_reaction")[self._row(wall)]
+        return force[: self.model.own_elements]
 
     def wall_torque(self, wall: Wall) -> Array:
         """Torque of all elements on a wall about its shape's place [N m], (1,) or (3,)."""

@@ -2,8 +2,11 @@
 
 from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
+from .crushed_grain import CrushedGrain, CrushedGrainResult, crushed_grain
+from .drop import Drop, DropResult, drop
 from .envelope import Envelope, strength_envelope
 from .impact import Impact, ImpactResult, impact
+from .indentation import Indentation, IndentationResult, indentation
 from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
@@ -20,9 +23,15 @@ __all__ = [
     "Brazilian",
     "Compression",
     "Confined",
+    "CrushedGrain",
+    "CrushedGrainResult",
+    "Drop",
+    "DropResult",
     "Envelope",
     "Impact",
     "ImpactResult",
+    "Indentation",
+    "IndentationResult",
     "Kalthoff",
     "KalthoffResult",
     "ModeI",
@@ -42,7 +51,10 @@ __all__ = [
     "brazilian",
     "compression",
     "confined",
+    "crushed_grain",
+    "drop",
     "impact",
+    "indentation",
     "kalthoff",
     "material_strength",
     "mode_i",
