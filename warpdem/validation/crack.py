@@ -108,13 +108,9 @@ def mode_i_overload_and_resolution() -> Iterator[Measurement]:
 
 @case("crack", slow=True)
 def kalthoff_winkler() -> Iterator[Measurement]:
-    """Kalthoff and Winkler's plate: angle and start of the crack, on lattice and random cells."""
-    plates = {
-        "hexagonal, rows along x": Kalthoff(spacing=5e-4, packing="hexagonal"),
-        **{f"voronoi, seed {n}": Kalthoff(seed=n) for n in range(3)},
-    }
-    for what, plate in plates.items():
-        found = kalthoff(plate)
+    """Kalthoff and Winkler's plate: angle and start of the crack on random cells."""
+    for seed in range(3):
+        found, what = kalthoff(Kalthoff(seed=seed)), f"seed {seed}"
         angle, source = found.angle_degrees, "Kalthoff and Winkler 1988"
         yield Measurement(f"angle, {what}", 67.5, source, angle, abs(angle - 67.5), 7.0)
         start = found.start_time * 1e6
