@@ -6,14 +6,15 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1] / "warpdem"
 # what each module or folder of the package may import, beside itself
 ALLOWED = {
-    "kernels": set(),
+    "cache": {"errors"},
+    "kernels": {"cache"},
     "errors": set(),
     "material": {"errors"},
     "section": {"errors"},
     "bond": {"errors", "material", "section"},
     "criteria": {"errors", "fields", "section"},
     "friction": {"errors"},
-    "contact": {"errors", "friction", "packing"},
+    "contact": {"errors", "friction", "packing", "relinking"},
     "wall": {"errors", "friction"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
@@ -28,10 +29,17 @@ ALLOWED = {
         *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
         *("contact", "friction", "relinking", "wall"),
     },
+    "archive": {"errors"},
+    "checkpoint": {"archive", "errors", "model", "wall"},
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},
-    "step": {"friction", "kernels", "model", "neighbours", "passes", "relinking", "wall"},
+    "patch": {"model", "passes"},
+    "step": {
+        *("errors", "friction", "kernels", "model", "neighbours", "passes", "patch", "relinking"),
+        "wall",
+    },
     "stability": {"errors", "model", "step"},
+    "guard": {"errors", "model", "step"},
     "trouble": {"errors", "kernels", "model", "step"},
     "statics": {"errors", "model", "step"},
     "renewal": {"errors", "model", "packing", "step"},
@@ -39,13 +47,13 @@ ALLOWED = {
     "fields": {"errors"},
     "simulation": {
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
-        *("passes", "relinking", "renewal", "wall"),
+        *("checkpoint", "cache", "guard", "passes", "relinking", "renewal", "wall"),
     },
     "observe": {"errors", "fields"},
     "write": {"errors", "fields", "observe", "wall"},
     "experiments": {
         *("errors", "material", "criteria", "packing", "scene", "simulation", "observe", "write"),
-        *("bond", "friction", "toughness"),
+        *("bond", "checkpoint", "contact", "friction", "moduli", "toughness", "wall"),
     },
     "calibration": {"errors", "criteria", "experiments", "toughness"},
     "validation": {
@@ -54,7 +62,10 @@ ALLOWED = {
         *("friction", "relinking", "viscoelasticity", "wall"),
     },
     "sweeps": {"errors", "experiments", "write"},
-    "cli": {"errors", "experiments", "observe", "simulation", "sweeps", "validation", "write"},
+    "cli": {
+        *("archive", "checkpoint", "errors", "experiments", "observe", "simulation", "sweeps"),
+        *("validation", "write"),
+    },
     "__main__": {"cli"},
 }
 

@@ -1,10 +1,17 @@
 import csv
 import json
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from pxr import Usd
+
+from warpdem import cli
+from warpdem.errors import InputError
+from warpdem.experiments.described import find
+from warpdem.sweeps import Run
 
 SMALL = ("--length", "8e-4", "--height", "3.7e-4", "--notch", "1.5e-4", "--strain", "0.0012")
 
@@ -34,11 +41,94 @@ def test_it_says_what_it_does(run):
 
 def test_it_writes_four_whole_files(run):
     _, out = run
-    assert sorted(f.name for f in out.iterdir()) == [
+    assert sorted(f.name for f in out.glob("[!.]*")) == [
         "broken_bonds.csv", "crack.png", "crack.usd", "run.json",
     ]  # fmt: skip
     assert (out / "crack.png").read_bytes().startswith(b"\x89PNG")
     assert Usd.Stage.Open(str(out / "crack.usd")).GetEndTimeCode() > 3
+
+
+def test_a_folder_belongs_to_one_run_and_says_how_it_ended(run, tmp_path):
+    from filelock import FileLock
+
+    assert json.loads((run[1] / "run.json").read_text())["status"] == "complete"
+    with FileLock(tmp_path / ".lock"):
+        done = warpdem("run", "mode-i", *SMALL, "--out", str(tmp_path))
+    assert done.returncode == 2 and "another run writes into" in done.stderr
+    assert not (tmp_path / "run.json").exists()
+    code = f"""
+import os, signal
+from warpdem.write.claim import claimed
+with claimed({str(tmp_path)!r}, {{"experiment": "mine"}}):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    subprocess.run([sys.executable, "-c", code], check=False)
+    assert json.loads((tmp_path / "run.json").read_text())["status"] == "running"
+    again = subprocess.run([sys.executable, "-c", code.replace("os.kill", "max")], check=False)
+    assert again.returncode == 0  # the lock of a killed run is free
+    subprocess.run(
+        [sys.executable, "-c", code.replace("os.kill", "open")], check=False, capture_output=True
+    )
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["status"] == "failed" and record["error"].startswith("TypeError")
+    assert record["experiment"] == "mine"
+
+
+def interrupted(out, *arguments):
+    """A run ended by SIGTERM once it has written a checkpoint: its messages."""
+    code = "from warpdem.cli import main; main()"
+    command = [sys.executable, "-c", code, "run", "mode-i", *SMALL, "--out", str(out), *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not (out / "checkpoint.npz").exists():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    process.send_signal(signal.SIGTERM)
+    said = process.communicate()
+    assert process.returncode == 128 + signal.SIGTERM
+    return said
+
+
+def test_a_run_that_a_signal_ended_goes_on_to_the_same_results(run, tmp_path):
+    out = tmp_path / "out"
+    _, errors = interrupted(out, "--checkpoint-every", "0.01")
+    assert f"`warpdem resume {out}` goes on" in errors
+    record = json.loads((out / "run.json").read_text())
+    assert (record["status"], record["error"]) == ("interrupted", "ended by SIGTERM")
+    anew = warpdem("run", "mode-i", *SMALL, "--out", str(out))
+    assert anew.returncode == 2 and "has the checkpoint of a run" in anew.stderr
+    assert json.loads((out / "run.json").read_text()) == record
+
+    # as a sweep does with a run of its own
+    assert Run(out, {}).command(find("mode-i"))[-2:] == ["resume", str(out)]
+    done = warpdem("resume", str(out))
+    assert done.returncode == 0, done.stderr
+    assert "going on at step" in done.stdout
+    assert not list(out.glob("checkpoint*"))
+    for name in ("broken_bonds.csv", "crack.png"):
+        assert (out / name).read_bytes() == (run[1] / name).read_bytes()
+    ours, theirs = (json.loads((x / "run.json").read_text()) for x in (out, run[1]))
+    for key in ("seconds", "element_steps_per_second"):
+        del ours[key], theirs[key]
+    assert ours == theirs
+
+
+def test_what_cannot_go_on_is_told(tmp_path):
+    def says(words):
+        with pytest.raises(InputError, match=words):
+            cli.resume(tmp_path)
+
+    says("cannot read")
+    (tmp_path / "run.json").write_text("{")
+    says("is not as `warpdem run` writes it")
+    record = {"experiment": "mode-i", "status": "interrupted", "given": {"strain": "0.001"}}
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    says("ended before its first one")
+    record["given"] = {"wish": "1"}
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    says("not as this version")
+    record["status"] = "complete"
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    says("is complete; its results are there")
 
 
 def test_record_and_log_agree(run):
@@ -66,7 +156,7 @@ def test_a_shear_crack_writes_its_files(tmp_path):
     assert record["status"] == "complete"
     assert record["broken_bonds"] > 50
     assert 0.2 < record["final_over_p"] < 1.0
-    assert sorted(f.name for f in (tmp_path / "out").iterdir()) == [
+    assert sorted(f.name for f in (tmp_path / "out").glob("[!.]*")) == [
         "broken_bonds.csv", "crack.png", "crack.usd", "run.json", "speeds.csv",
     ]  # fmt: skip
 

@@ -84,6 +84,15 @@ def test_plasticity_script(tmp_path, monkeypatch, capsys):
     assert float(capsys.readouterr().out) == pytest.approx(2 / 3**0.5, rel=2e-3)
 
 
+def test_files_script(tmp_path, monkeypatch, capsys):
+    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "files.md").read_text(), re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "files.md", "exec"), {})
+    bonds = [int(n) for n in re.findall(r"(\d+) bonds", capsys.readouterr().out)]
+    assert len(bonds) == 5 == len(list(tmp_path.glob("disc_*.vtp")))
+    assert bonds[0] > bonds[-1] > 0
+
+
 def test_contact_scripts(tmp_path, monkeypatch, capsys):
     page = (ROOT / "docs" / "contact.md").read_text()
     touching, healing, tool = re.findall(r"```python\n(.*?)```", page, re.S)

@@ -243,3 +243,42 @@ def test_strength_and_toughness_together_fix_the_spacing():
         packing = wd.packing.hexagonal((10 * spacing, 10 * spacing), spacing, specimen.state)
         same = wd.Toughness(law, stress_intensity=toughness).at(packing, rock)
         assert same.tension == pytest.approx(law.tension, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["pairs", "volume", "softening", "beams"])
+def test_forces_after_a_break_are_those_of_the_state(kind):
+    p = wd.packing.hexagonal((14.0, 10.0), 1.0)
+    solid = wd.Material(1.0, 0.25 if kind == "pairs" else 0.4, 1.0)
+    if kind == "pairs":  # nu = 1/4: no energy of volumes in plane strain
+        law: Any = wd.Rankine(2e-3)
+    elif kind == "beams":
+        law = wd.BeamLimit(2e-3, 2e-3, wd.Circle(1.0))
+    else:
+        law = wd.Rankine(2e-3)
+        if kind == "softening":
+            law = wd.LinearSoftening(law, 1e-5)
+    scene = wd.Scene()
+    more = {"bond": wd.EVMBond(1.0, 0.4, 0.05, 0.04)} if kind == "beams" else {}
+    body = scene.add(p, solid, fracture=law, **more)
+    apart = np.tanh(p.position[:, :1] - p.position[:, 0].mean())
+    scene.set_velocity(body, 1e-2 * apart * [1.0, 0.3])
+    sim = wd.Simulation(scene)
+    calls, whole = 0, sim._step.break_bonds
+
+    def counted():
+        nonlocal calls
+        calls += 1
+        whole()
+
+    sim._step.break_bonds = counted
+    while not calls and sim.steps < 3000:
+        sim.run(steps=1)
+    assert calls
+    changed = sim._step._patch.near_elements.count
+    assert 0 < changed < len(p)
+    names = "end_force", "end_torque"
+    after = [sim._step.download(x) for x in names]
+    sim._step.evaluate_forces()
+    for name, value in zip(names, after, strict=True):
+        size = np.abs(after[0]).max()
+        np.testing.assert_allclose(value, sim._step.download(name), atol=1e-12 * size)

@@ -305,7 +305,7 @@ def test_pressure_acts_along_exposed_area():
     for pressure, where, says in (
         (1.0, deep, "no free surface to press on"),
         (np.inf, inner, "pressure is not finite"),
-        ([1.0, 2.0], inner, "pressure has shape"),
+        ([1.0, 2.0], inner, "pressure is .1.0, 2.0.; give a number"),
     ):
         with pytest.raises(wd.InputError, match=says):
             scene.press(body, where, pressure)

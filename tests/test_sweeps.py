@@ -126,12 +126,12 @@ def test_every_experiment_agrees_with_its_commands():
     assert cli.EXPERIMENTS is EXPERIMENTS
     for name, told in EXPERIMENTS.items():
         taken = signature(told.function).parameters
-        keywords = ("device", "precision", "threads", "out", "observers", "say")
+        keywords = ("device", "precision", "threads", "out", "observers", "say", "checkpoint")
         if "options" in taken:  # handed on to a function of these
             taken = signature(rock_test).parameters
         assert set(keywords) <= set(taken), name
         for commands, own in (
-            (cli.run, {"out", "compile_only", "threads"}),
+            (cli.run, {"out", "compile_only", "threads", "checkpoint_every"}),
             (cli.many, {"out", "jobs", "engine", "engine_options", "result", "against", "retry"}),
         ):
             (command,) = [c for c in commands.registered_commands if c.name == name]

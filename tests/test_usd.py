@@ -134,7 +134,7 @@ def test_bad_targets_are_refused(tmp_path):
         wd.UsdWriter(tmp_path / "file" / "scene.usd")
 
 
-def test_a_run_that_fails_leaves_no_file(tmp_path):
+def test_a_run_that_fails_leaves_its_sound_frames(tmp_path):
     scene = wd.Scene()
     body = scene.add(core.small_packing("hex strain"), wd.Material(1.0, 0.3, 1.0))
     scene.set_velocity(body, (1e-3, 0.0), where=[3])
@@ -142,7 +142,32 @@ def test_a_run_that_fails_leaves_no_file(tmp_path):
     sim.observe(wd.UsdWriter(tmp_path / "body.usd", every=1000))
     with pytest.raises(wd.NonFiniteError):
         sim.run(steps=20_000)
-    assert not list(tmp_path.iterdir())
+    assert [f.name for f in tmp_path.iterdir()] == ["body.take"]
+    stage = Usd.Stage.Open(str(tmp_path / "body.take" / "root.usda"))
+    points = UsdGeom.Points(stage.GetPrimAtPath("/World/elements"))
+    for frame in range(int(stage.GetEndTimeCode()) + 1):
+        assert np.isfinite(np.array(points.GetPointsAttr().Get(frame))).all()
+
+
+def test_a_take_shows_what_its_single_file_does(scene_file, tmp_path):
+    sim = wd.Simulation(scene_file[1].scene)
+    film = sim.observe(wd.UsdWriter(tmp_path / "body.usd", every=40, single=False))
+    sim.run(steps=120)
+    assert [f.name for f in tmp_path.iterdir()] == ["body.take"]
+    take = Usd.Stage.Open(str(film.take / "root.usda"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(take)
+    single = Usd.Stage.Open(str(scene_file[0]))
+    assert take.GetEndTimeCode() == single.GetEndTimeCode() == 3
+    compared = 0
+    for prim in single.Traverse():
+        for attribute in prim.GetAttributes():
+            shown = take.GetAttributeAtPath(attribute.GetPath())
+            assert shown.GetNumTimeSamples() in (attribute.GetNumTimeSamples(), 0)
+            for frame in range(4):
+                assert shown.Get(frame) == attribute.Get(frame), attribute.GetPath()
+                compared += attribute.GetNumTimeSamples() > 0
+    assert compared > 40
 
 
 def test_bonds_of_a_network_are_curves(tmp_path):

@@ -284,5 +284,5 @@ def test_damaged_files_are_refused(tmp_path):
 @pytest.mark.parametrize(("shape", "name"), [(Disc(3.0), "shapely"), (Sphere(3.0), "manifold3d")])
 def test_missing_library_is_named(monkeypatch, shape, name):
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(wd.InputError, match=f"need {name}; install it with .*geometry"):
+    with pytest.raises(wd.InputError, match=f"needs {name}; install it with .*geometry"):
         voronoi(shape, 1.0)

@@ -1,11 +1,13 @@
 """warpdem: fracture of solids made of bonded elements, on NVIDIA Warp."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import experiments, packing, wall
 from .bond import EVMBond
 from .calibration import StrengthCalibration, calibrate_strength
-from .contact import Contact
+from .checkpoint import Checkpoint
+from .contact import Contact, touching_radius
 from .criteria import (
     BeamLimit,
     CustomCriterion,
@@ -20,12 +22,15 @@ from .criteria import (
     Rankine,
 )
 from .errors import (
+    DamagedFileError,
     InputError,
     ModelWarning,
     NonFiniteError,
     NotConvergedError,
     TooFastError,
     TroubledBondError,
+    UnstableError,
+    UnwritableError,
 )
 from .friction import RateAndState
 from .material import Material
@@ -36,6 +41,7 @@ from .observe import (
     FragmentTracker,
     PlaneProbe,
     Probe,
+    Series,
     Snapshot,
     StressStrain,
     When,
@@ -44,10 +50,10 @@ from .observe import (
 )
 from .packing import Packing
 from .plasticity import JohnsonCook, Nikolaevsky, Perzyna, PowerLaw, Table, Voce, VonMises
-from .relinking import Healing
+from .relinking import Healing, Welding
 from .scene import Body, Scene, Servo
 from .section import Circle, Rectangle, Tube
-from .simulation import Observer, Simulation
+from .simulation import Observer, Simulation, resume
 from .toughness import Toughness
 from .viscoelasticity import KelvinVoigt, Maxwell, Prony, StandardLinearSolid
 from .wall import Wall
@@ -56,24 +62,31 @@ if TYPE_CHECKING:
     from .sweeps import sweep
     from .write.field import draw_field
     from .write.fragment import write_fragments
+    from .write.gsd import GsdWriter
+    from .write.log import BreakLog
     from .write.structure import draw_structure
     from .write.usd import UsdWriter
+    from .write.vtk import VtkWriter
 
 __version__ = "0.1.0"
 
 __all__ = [
     "BeamLimit",
     "Body",
+    "BreakLog",
     "Calibration",
+    "Checkpoint",
     "Circle",
     "Contact",
     "CrackTracker",
     "CustomCriterion",
     "DamageRate",
+    "DamagedFileError",
     "DruckerPrager",
     "EVMBond",
     "FracturePlane",
     "FragmentTracker",
+    "GsdWriter",
     "Healing",
     "HuberMisesHencky",
     "Incubation",
@@ -102,6 +115,7 @@ __all__ = [
     "RateAndState",
     "Rectangle",
     "Scene",
+    "Series",
     "Servo",
     "Simulation",
     "Snapshot",
@@ -113,10 +127,14 @@ __all__ = [
     "Toughness",
     "TroubledBondError",
     "Tube",
+    "UnstableError",
+    "UnwritableError",
     "UsdWriter",
     "Voce",
     "VonMises",
+    "VtkWriter",
     "Wall",
+    "Welding",
     "When",
     "calibrate",
     "calibrate_strength",
@@ -129,32 +147,28 @@ __all__ = [
     "lattice_moduli",
     "packing",
     "periodic_moduli",
+    "resume",
     "sweep",
+    "touching_radius",
     "wall",
     "write_fragments",
 ]
 
 
+# these load USD, matplotlib and the like, which takes a second, only where they are asked for
+LATE = {
+    "BreakLog": ".write.log",
+    "GsdWriter": ".write.gsd",
+    "UsdWriter": ".write.usd",
+    "VtkWriter": ".write.vtk",
+    "draw_field": ".write.field",
+    "draw_structure": ".write.structure",
+    "sweep": ".cli",  # where experiments are made known
+    "write_fragments": ".write.fragment",
+}
+
+
 def __getattr__(name: str) -> object:
-    # these load USD and matplotlib, which takes a second, only where they are asked for
-    if name == "UsdWriter":
-        from .write.usd import UsdWriter
-
-        return UsdWriter
-    if name == "draw_field":
-        from .write.field import draw_field
-
-        return draw_field
-    if name == "write_fragments":
-        from .write.fragment import write_fragments
-
-        return write_fragments
-    if name == "draw_structure":
-        from .write.structure import draw_structure
-
-        return draw_structure
-    if name == "sweep":
-        from . import cli  # where experiments are made known
-
-        return cli.sweep
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in LATE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(LATE[name], __name__), name)

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import Array, InputError, finite, first_ids, positive
+from .errors import Array, InputError, checked, finite, first_ids, positive
 from .material import Material
 from .section import Section, check_section
 
 
+@checked
 @dataclass(frozen=True)
 class EVMBond:
     """The enhanced vector-based bond of Kuzkin and Krivtsov.

@@ -1,4 +1,4 @@
-"""The command line: `warpdem run NAME`, `warpdem info`."""
+"""The command line: `warpdem run NAME`, `warpdem resume DIR`, `warpdem info`."""
 
 import json
 import os
@@ -19,20 +19,33 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as RichTable
 
 from . import experiments
+from .archive import previous as one_before
+from .checkpoint import Checkpoint
 from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
 from .experiments import ModeIIResult, ModeIResult, Result
-from .experiments.described import EXPERIMENTS, Experiment
+from .experiments.described import EXPERIMENTS, Experiment, read_given, write_given
 from .experiments.free_crack import FILES as FREE_CRACK_FILES
 from .experiments.free_crack import FreeCrack, FreeCrackResult
 from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
+from .experiments.shared import CHECKPOINT, start_record
+from .experiments.trial import Stage, Trial
 from .observe import CrackTracker
-from .simulation import Observer, Simulation
+from .simulation import GUARD_EVERY, Observer, Simulation
 from .sweeps import ENGINES, PARENT, Run, Sweep, sweep
+from .write.claim import claimed
 from .write.record import describe_machine
 from .write.whole import unit_of, write_text
+
+CHECKPOINT_EVERY = 600.0
+CHECKPOINT_HELP = (
+    "Seconds between checkpoints, from which `warpdem resume` goes on; 0 for none but the one that "
+    "SIGTERM or Ctrl-C write."
+)
+NEVER = 1e12  # s
+CONDUCTS: dict[str, Callable[..., None]] = {}  # what `warpdem resume` calls, by experiment
 
 app = typer.Typer(help="Fracture of solids made of bonded elements.", no_args_is_help=True)
 run = typer.Typer(help="Run a published experiment.", no_args_is_help=True)
@@ -51,6 +64,7 @@ class Advance:
     """
 
     every = 20
+    not_saved = ("told", "task")  # of the terminal
 
     def __init__(self, what: str, of: str, total: float, done: Callable[[], tuple[float, str]]):
         self.what, self.of, self.done = what, of, done
@@ -100,25 +114,52 @@ def experiment(
     told = Experiment(name, title, parameters, function, files)
     EXPERIMENTS[name] = told
 
-    def command(out: Path, compile_only: bool, threads: int, **given: Any) -> None:
-        console.print(f"warpdem {version('warpdem')}: {title}")
+    def run_it(
+        given: dict[str, Any], threads: int, out: Path | None, checkpoint: Checkpoint | None
+    ) -> Result:
+        """The experiment, or without a folder its kernels alone."""
         chosen = told.build(given)
 
         def observers(_: Simulation, measured: Any) -> list[Observer]:
-            if compile_only:
+            if out is None:
                 console.print("kernels are compiled")
                 raise typer.Exit
             return [progress(chosen, measured)]
 
-        result = function(
+        return function(
             chosen,
             device=given["device"],
             precision=given["precision"],
             threads=threads,
-            out=None if compile_only else out,
+            out=out,
             observers=observers,
             say=console.print,
+            checkpoint=checkpoint,
         )
+
+    def conduct(
+        out: Path, threads: int, checkpoint_every: float, goes_on: bool, **given: Any
+    ) -> None:
+        """The experiment in a folder of its own, with checkpoints."""
+        record = start_record(name, told.build(given), given["precision"], given["device"])
+        record["given"] = write_given(given)
+        if checkpoint_every < 0.0:
+            raise InputError(f"checkpoint-every is {checkpoint_every:g} s; give 0 or more.")
+        try:
+            with claimed(out, record):
+                kept = Checkpoint(out / CHECKPOINT, GUARD_EVERY, checkpoint_every or NEVER)
+                if kept.path.exists() and not goes_on:
+                    raise InputError(
+                        f"{out} has the checkpoint of a run that was interrupted: go on with "
+                        f"`warpdem resume {out}`, remove {CHECKPOINT} to start anew, or choose "
+                        "another folder."
+                    )
+                result = run_it(given, threads, out, kept)
+                kept.remove()
+        except (KeyboardInterrupt, SystemExit):
+            if (out / CHECKPOINT).exists():
+                errors.print(f"interrupted: `warpdem resume {out}` goes on from {kept.path}")
+            raise
         for line in closing(result):
             console.print(line)
         console.print(
@@ -128,10 +169,22 @@ def experiment(
         )
         console.print(f"written to {out}: {' '.join(files)}")
 
+    CONDUCTS[name] = conduct
+
+    def command(
+        out: Path, compile_only: bool, threads: int, checkpoint_every: float, **given: Any
+    ) -> None:
+        console.print(f"warpdem {version('warpdem')}: {title}")
+        if compile_only:
+            run_it(given, threads, None, None)
+            return
+        conduct(out, threads, checkpoint_every, False, **given)
+
     options = [_option(d.name, d.kind, d.default, d.help) for d in told.described.values()]
     options += [
         _option("out", Path, Path("out") / name, "Folder for the results."),
         _option("threads", int, 1, "Threads of the CPU; results do not depend on them."),
+        _option("checkpoint_every", float, CHECKPOINT_EVERY, CHECKPOINT_HELP),
         _option("compile_only", bool, False, "Compile the kernels and stop before the first step."),
     ]
     _add(run, told, command, options)
@@ -338,7 +391,33 @@ for _parameters, _function in (
     )
 
 
-def _time_progress(p: FreeCrack, crack: CrackTracker) -> Observer:
+def _time_progress(_: Trial, stage: Stage) -> Observer:
+    scale, unit = unit_of(stage.until)
+
+    def done() -> tuple[float, str]:
+        now = stage.series.now
+        return now, f"{now * scale:.4g}"
+
+    return Advance("time", f"{stage.until * scale:.4g} {unit[:-1]}s", stage.until, done)
+
+
+for _trial, _make in (
+    (experiments.SlidingBlock, experiments.sliding_block),
+    (experiments.SpringSlider, experiments.spring_slider),
+    (experiments.Impact, experiments.impact),
+):
+    experiment(
+        _trial.name,
+        _trial.title.lower(),
+        _trial,
+        _make,
+        _trial.files,
+        _time_progress,
+        lambda result: result.told,
+    )
+
+
+def _free_progress(p: FreeCrack, crack: CrackTracker) -> Observer:
     def done() -> tuple[float, str]:
         return crack.time, f"{crack.time * 1e6:.3g}"
 
@@ -382,12 +461,35 @@ def _free_experiment(
     function: Callable[..., Result],
     closing: Callable[[Any], list[str]] = _free_closing,
 ) -> None:
-    experiment(kind.name, kind.title, kind, function, FREE_CRACK_FILES, _time_progress, closing)
+    experiment(kind.name, kind.title, kind, function, FREE_CRACK_FILES, _free_progress, closing)
 
 
 _free_experiment(experiments.Kalthoff, experiments.kalthoff, _kalthoff_closing)
 _free_experiment(experiments.Branching, experiments.branching, _branching_closing)
 _free_experiment(experiments.Heterogeneous, experiments.heterogeneous, _rough_closing)
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")],
+    threads: Annotated[int, typer.Option(help="Threads of the CPU.")] = 1,
+    checkpoint_every: Annotated[float, typer.Option(help=CHECKPOINT_HELP)] = CHECKPOINT_EVERY,
+    previous: Annotated[
+        bool, typer.Option("--previous", help="Go on from the checkpoint before the last.")
+    ] = False,
+) -> None:
+    """Go on with a run from its last checkpoint, to the results it would have had."""
+    name, given = read_given(folder)
+    last = folder / CHECKPOINT
+    if previous and one_before(last).exists():
+        os.replace(one_before(last), last)
+    if not last.exists():
+        raise InputError(
+            f"{folder} has no {CHECKPOINT}: the run ended before its first one. Start it again "
+            f"with `warpdem run {name}`."
+        )
+    console.print(f"warpdem {version('warpdem')}: {EXPERIMENTS[name].title}, going on in {folder}")
+    CONDUCTS[name](folder, threads, checkpoint_every, True, **given)
 
 
 @app.command()

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from .errors import Array
 from .friction import Friction
 from .packing import Mask, Packing
+from .relinking import Welding
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Contact:
     restitution: float
     skin: float  # of the list of neighbours, over the median radius
     law: str = "linear"  # or "hertz"
+    welding: Welding | None = None
 
     @property
     def is_hertz(self) -> bool:

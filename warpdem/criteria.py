@@ -11,13 +11,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .errors import Array, InputError, finite, positive
+from .errors import Array, InputError, checked, finite, positive
 from .fields import von_mises
 from .section import Section, check_section
 
 NUMBERS = 4  # that a criterion's device form takes
 
 
+@checked
 @dataclass(frozen=True)
 class HuberMisesHencky:
     """Breaks where the stress intensity of the pair exceeds `strength` [Pa] (Shilko eq. 14)."""
@@ -36,6 +37,7 @@ class HuberMisesHencky:
         return self.strength
 
 
+@checked
 @dataclass(frozen=True)
 class DruckerPrager:
     """Breaks where (a+1)/2 q + 3(a-1)/2 m exceeds the compressive strength (Shilko eq. 14).
@@ -70,6 +72,7 @@ class DruckerPrager:
         return (self.ratio,)
 
 
+@checked
 @dataclass(frozen=True)
 class Rankine:
     """Breaks where the greatest principal stress of the pair exceeds `tension` [Pa]."""
@@ -88,6 +91,7 @@ class Rankine:
         return self.tension
 
 
+@checked
 @dataclass(frozen=True)
 class MohrCoulomb:
     """Breaks where s1 - s3 + (s1 + s3) sin(phi) exceeds 2 c cos(phi), or s1 the cut-off.
@@ -144,6 +148,7 @@ class MohrCoulomb:
         return sin(self.friction_angle), self.strength / self.tension
 
 
+@checked
 @dataclass(frozen=True)
 class MixedMode:
     """Breaks where (<s>/tension)^2 + (tau/shear)^2 exceeds 1, on the face itself (theory B10).
@@ -172,6 +177,7 @@ class MixedMode:
         return (self.tension / self.shear,)
 
 
+@checked
 @dataclass(frozen=True)
 class PlasticStrainLimit:
     """Breaks where the equivalent plastic strain of the pair exceeds `strain`.
@@ -193,6 +199,7 @@ class PlasticStrainLimit:
         return self.strain
 
 
+@checked
 @dataclass(frozen=True)
 class CustomCriterion:
     """Breaks where a Warp function of the pair's stress exceeds `strength` [Pa].
@@ -219,6 +226,7 @@ class CustomCriterion:
             raise InputError(f"{len(self.numbers)} numbers are given; four are the most.")
 
 
+@checked
 @dataclass(frozen=True)
 class BeamLimit:
     """Breaks an EVM bond by the stresses of the beam that it is (Potyondy and Cundall 2004).
@@ -306,6 +314,7 @@ def equivalent_stress(criterion: Tensile, stress: Array, normal: Array) -> float
     return 0.5 * (a + 1.0) * intensity + 0.5 * (a - 1.0) * float(np.trace(stress))
 
 
+@checked
 @dataclass(frozen=True)
 class Incubation:
     """A criterion that must be exceeded for some time: strength grows with the rate.
@@ -331,6 +340,7 @@ class Incubation:
         return self.time, 1.0
 
 
+@checked
 @dataclass(frozen=True)
 class DamageRate:
     """A criterion below which damage grows too: the pair breaks where D > 1, dD/dt = R^n/time.
@@ -356,6 +366,7 @@ class DamageRate:
         return self.time, self.exponent
 
 
+@checked
 @dataclass(frozen=True)
 class LinearSoftening:
     """A cohesive bond: beyond its strength the pair's stress falls linearly with its opening.

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import Array, InputError, finite, positive
+from .errors import Array, InputError, checked, finite, positive
 
 LAWS = ("aging", "slip")
 
 
+@checked
 @dataclass(frozen=True)
 class RateAndState:
     """Rate-and-state friction of Dieterich and Ruina, regularised (Rice and Ben-Zion).

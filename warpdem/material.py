@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from math import sqrt
 
-from .errors import InputError, finite, one_of, positive
+from .errors import InputError, checked, finite, one_of, positive
 
 PLANES = ("strain", "stress", None)
 
 
+@checked
 @dataclass(frozen=True)
 class Material:
     """An isotropic elastic solid.

@@ -40,7 +40,7 @@ PLACES = frozenset(
         *("displacement", "orientation", "bond_arm", "bond_jump", "principal_axes", "bond_slip"),
         "evm_tilt",
         *("contact_radius", "closing_slip"),
-        *("box_shift", "box_strain"),
+        *("box_shift", "box_strain", "contact_box", "contact_box_before"),
         *("evm_direction", "evm_length", "evm_offset"),
     }
 )
@@ -193,9 +193,6 @@ class Model:
     healing_stiffness: Array | None = None  # of the listed facet bonds: k, linked again
     healing_weight: Array | None = None  # likewise w
     healing_strength: Array | None = None  # of the listed bonds
-    near_bonds: Ids | None = None  # all bonds of the listed elements
-    near_elements: Ids | None = None  # all elements of the near bonds
-    near_facets: int = 0  # near bonds that are facet bonds, stored first
     yielding: tuple[Yielding, ...] = ()
     flow_elements: Ids | None = None  # elements that may yield, law after law
     hardening_strain: Array | None = None  # tables of hardening, one after the other
@@ -215,6 +212,9 @@ class Model:
     contact_elements: Ids | None = None  # (m,) that may touch
     contact_position: Array | None = None  # (n, dim) from the middle of the scene, in float64
     contact_radius: Array | None = None  # (n,)
+    contact_period: Array | None = None  # (dim,) edges of the periodic box, unstrained [m]
+    contact_strain: Array | None = None  # (dim, dim) of that box, where it does not change
+    listed_image: Ids | None = None  # (listed bonds, dim) edges from second elements to images
     contact_width: Array | None = None  # (n,) thickness in the plane
     contact_compliance: Array | None = None  # (n,) R/(lambda + 2 G) [m/Pa], Hertz (1 - nu^2)/E
     contact_shear: Array | None = None  # (n,) R/(2 G) [m/Pa]
@@ -234,9 +234,11 @@ class Model:
 
     @property
     def rubs(self) -> bool:
-        """Whether contacts have friction."""
+        """Whether contacts have springs across their normals, of friction or of welds."""
         return self.contact is not None and (
-            rubs(self.contact.friction) or any(rubs(wall.friction) for wall in self.walls)
+            self.contact.welding is not None
+            or rubs(self.contact.friction)
+            or any(rubs(wall.friction) for wall in self.walls)
         )
 
     @property
@@ -253,6 +255,11 @@ class Model:
     def softens(self) -> bool:
         """Whether some bonds soften before they break."""
         return self.softening_end is not None
+
+    @property
+    def breaks_beams(self) -> bool:
+        """Whether some bonds break by what they carry as beams."""
+        return any(not group.test.needs_stress for group in self.criteria)
 
     @property
     def elements(self) -> int:
@@ -369,10 +376,17 @@ def state_arrays(
         state["any_touched"] = np.zeros(1, dtype=np.int32)
         state["settling_impulse"] = np.zeros((n, f.dim))
         state["settling_twist"] = np.zeros((n, spins))
+        if model.contact_period is not None:
+            state["contact_box"] = np.zeros((f.dim, f.dim))
+            state["contact_box_before"] = np.zeros((f.dim, f.dim))
+            state["contact_box_work"] = np.zeros(rows)
         if model.contact.restitution < 1.0:
             state["restitution_energy"] = np.zeros(rows)
         if model.rubs:
             state["slip_energy"] = np.zeros(rows)
+        if model.contact.welding is not None:
+            state["weld_energy"] = np.zeros(rows)
+            state["any_welded"] = np.zeros(1, dtype=np.int32)
         if model.walls:
             walls = len(model.walls)
             spin, place = np.zeros((walls, spins)), np.zeros((walls, f.dim))
@@ -453,7 +467,7 @@ def state_arrays(
         break_step[:b][linked[:b] == 1.0] = -1  # -1: may break still; -2: never will
         if any(group.test.needs_stress for group in model.criteria):
             state["stress"] = np.zeros((n, 4 if f.dim == 2 else 6))
-        state["any_broken"] = np.zeros(1, dtype=np.int32)
+        state["any_broken"] = np.zeros(1)
         state["break_step"] = break_step
         for name in ("break_energy", "break_normal", "break_shear", "criterion_ratio"):
             state[name] = np.zeros(listed)
@@ -464,6 +478,8 @@ def state_arrays(
                     state["break_damage"][group.first : group.first + group.count] = 0.0
         if model.softens:
             state["bond_keep"] = np.ones(b + 1)
+        if model.breaks_beams:
+            state["beam_load"] = np.zeros((model.evm_bonds, 4))
         if f.has_volume:
             state["element_release"] = np.zeros(n)
     return state
@@ -954,10 +970,13 @@ def _add_box(model: Model, stored: list[Body]) -> None:
 
     model.bond_jump = of_bonds(lambda b: b.shift @ b.mean_strain)
     moving = [b for b in stored if b.strain_history is not None]
-    if len(moving) > 1:
-        raise InputError("one periodic body of a scene may have a strain that changes with time.")
+    if any(not _shares_strain(b, moving[0]) for b in moving):
+        raise InputError(
+            "periodic bodies of a scene may have one strain that changes with time; give them the "
+            "same function."
+        )
     if moving:
-        shift = of_bonds(lambda b: b.shift if b is moving[0] else np.zeros_like(b.shift))
+        shift = of_bonds(lambda b: b.shift if b in moving else np.zeros_like(b.shift))
         box = np.flatnonzero(shift.any(axis=1))
         model.box_bonds, model.box_shift = box.astype(np.int32), shift[box]
         model.strain_history = moving[0].strain_history
@@ -1432,20 +1451,15 @@ def _add_lists(
         model.bond_strength = np.concatenate(strength)
         if any(group.test.softens for group in groups):
             model.softening_end = np.concatenate(ends)
-    if groups or healing:
-        near = np.unique(model.incidence[:, model.listed_elements] >> 1)
-        model.near_bonds = near[near < model.bonds].astype(np.int32)
-        model.near_facets = int((model.near_bonds < model.facet_bonds).sum())
-        both = np.stack([model.bond_i, model.bond_j])[:, model.near_bonds]
-        model.near_elements = np.unique(both).astype(np.int32)
 
 
 def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
     """Elements that may touch: all of several bodies; of one, those with a free surface or with
     bonds that are or may be unlinked. Pairs that bonds join do not."""
     bodies, own = scene.bodies, model.own_elements
-    if any(b.packing.period is not None for b in bodies):
-        raise InputError("contact is not for periodic bodies; their sides have no surface.")
+    is_periodic = any(b.packing.period is not None for b in bodies)
+    if is_periodic:
+        _check_box(scene)
     if model.features.finite_strain:
         raise InputError(
             "contact is not for bodies at finite strain, whose stress does not count it; leave "
@@ -1460,6 +1474,8 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         may_touch[body.packing.bonds[~body.linked | body.breakable] + starts[id(body)]] = True
     elements = np.flatnonzero(may_touch)
     assert scene.contacts is not None
+    if not len(elements):  # whole periodic bodies have no surface
+        return
     model.contact, model.walls = scene.contacts, tuple(scene.walls)
     model.contact_elements = elements.astype(np.int32)
     radius = np.ones(model.elements)
@@ -1482,6 +1498,8 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
             for b in bodies
         ]
         model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
+    if model.contact.welding is not None:
+        _check_welding(model)
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle
@@ -1496,12 +1514,62 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         place = np.full(model.bonds, -1, dtype=np.int32)
         place[model.listed_bonds] = np.arange(len(model.listed_bonds))
         model.bonded_listed = place[model.own_bonds[which]]
+    if is_periodic:
+        body = bodies[0]
+        assert body.packing.period is not None
+        model.contact_period, model.contact_strain = body.packing.period, body.mean_strain
+        if model.listed_bonds is not None:
+            shift = np.concatenate([b.shift for b in in_bond_order(bodies)])
+            whole = np.zeros((model.bonds, model.features.dim))
+            whole[model.own_bonds] = shift
+            image = np.rint(whole[model.listed_bonds] / body.packing.period)
+            model.listed_image = image.astype(np.int32)
     if model.walls:
         _add_walls(model)
         width = np.pi * radius if model.features.dim == 3 else 2.0 * model.contact_width
         density = model.mass / model.element_volume
         impedance = radius * width * np.sqrt(density * each["pressure_modulus"])
         model.contact_impedance = float(impedance[elements].sum())
+
+
+def _check_welding(model: Model) -> None:
+    """Refuse welds that would leave the list of neighbours before they break."""
+    contact, ids = model.contact, model.contact_elements
+    assert contact is not None and contact.welding is not None and ids is not None
+    assert model.contact_compliance is not None and model.contact_radius is not None
+    stretch = 2.0 * contact.welding.strength * float(model.contact_compliance[ids].max())
+    skin = contact.skin * float(np.median(model.contact_radius[ids]))
+    if stretch > 0.5 * skin:
+        raise InputError(
+            f"welds of this strength stretch by up to {stretch:.3g} m before they break, more than "
+            f"half the skin of the list of neighbours, {skin:.3g} m: give a strength below "
+            f"{0.5 * skin / stretch * contact.welding.strength:.3g} Pa, or a greater skin."
+        )
+
+
+def _check_box(scene: Scene) -> None:
+    """Refuse bodies that touch in different periodic boxes, or a wall across one."""
+    first = scene.bodies[0]
+    for body in scene.bodies:
+        periods = first.packing.period, body.packing.period
+        if any(p is None for p in periods) or not np.array_equal(*periods):  # type: ignore[arg-type]
+            raise InputError(
+                "bodies that touch in a periodic box share its period; give all packings the same."
+            )
+        if not _shares_strain(body, first):
+            raise InputError(
+                "bodies that touch in a periodic box share its strain; strain all of them alike."
+            )
+    if scene.walls:
+        raise InputError("walls would cut a periodic box; leave out the walls or the period.")
+
+
+def _shares_strain(body: Body, other: Body) -> bool:
+    """Whether the boxes of two periodic bodies are strained alike."""
+    same = getattr(body.strain_history, "__wrapped__", None) is getattr(
+        other.strain_history, "__wrapped__", None
+    )
+    return same and np.array_equal(body.mean_strain, other.mean_strain)
 
 
 def _add_walls(model: Model) -> None:

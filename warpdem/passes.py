@@ -72,7 +72,7 @@ class Team:
         size = launch.bounds.size
         if size < SHARED or not is_shareable(launch.kernel):
             return launch if rank == 0 else None
-        # whole vectors each, so that an index meets the same instructions whoever takes it
+        # whole loops each, so that an index meets the same instructions whoever takes it
         ends = [size * r // self.threads // CHUNK * CHUNK for r in range(self.threads)] + [size]
         first, last = ends[rank], ends[rank + 1]
         share = copy(launch)
@@ -97,7 +97,7 @@ def team_of(threads: int, device: str) -> Team | None:
             "the code that this version of Warp writes for a CPU is not known to warpdem, so one "
             "thread does all the work, in plain loops.",
             ModelWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
         return None
     return Team(int(threads))
@@ -154,6 +154,37 @@ def _address_of_yield() -> int:
     library = ctypes.CDLL("kernel32" if os.name == "nt" else None)
     function = getattr(library, name, None)
     return 0 if function is None else ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
+class Part:
+    """Entries [first, first + count) of a list on the device whose length changes."""
+
+    def __init__(self) -> None:
+        self.first = self.count = 0
+
+
+class Varying:
+    """A launch over a part of a list, as long as it is when it is launched; over nothing, none."""
+
+    def __init__(self, launch: wp.Launch, part: Part) -> None:
+        self.launched, self.part = launch, part
+        names = [x.label for x in launch.kernel.adj.args]
+        self._takes_first = "first" in names
+        self._first = -1
+
+    def launch(self) -> None:
+        """Launch it."""
+        part = self.part
+        if not part.count:
+            return
+        self.launched.set_dim(part.count)
+        if self._takes_first and part.first != self._first:
+            self._first = part.first
+            self.launched.set_param_by_name("first", part.first)
+        self.launched.launch()
+
+
+Launched = wp.Launch | Varying
 
 
 class Passes:

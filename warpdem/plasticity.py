@@ -6,9 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from .errors import Array, InputError, finite, positive
+from .errors import Array, InputError, checked, finite, positive
 
 
+@checked
 @dataclass(frozen=True)
 class Voce:
     """Hardening that saturates: saturation (1 - exp(-rate p)) + modulus p [Pa].
@@ -47,6 +48,7 @@ class Voce:
         return self.saturation * -np.expm1(-self.rate * p) + self.modulus * p
 
 
+@checked
 @dataclass(frozen=True)
 class PowerLaw:
     """Hardening modulus ((offset + p)^exponent - offset^exponent) [Pa].
@@ -79,6 +81,7 @@ class PowerLaw:
         return self.modulus * grown
 
 
+@checked
 @dataclass(frozen=True)
 class Linear:
     """Hardening modulus p [Pa]."""
@@ -102,6 +105,7 @@ class Linear:
         return self.modulus * np.asarray(p)
 
 
+@checked
 @dataclass(frozen=True)
 class Table:
     """Hardening as measured: growth of the flow stress [Pa] at plastic strains that rise from 0.
@@ -140,6 +144,7 @@ class Table:
         return np.interp(p, self.plastic_strain, self.growth)
 
 
+@checked
 @dataclass(frozen=True)
 class Perzyna:
     """Viscous overstress: the flow stress is sigma(p) (1 + (time dp/dt)^(1/exponent))."""
@@ -159,6 +164,7 @@ class Perzyna:
         return self.time, self.exponent
 
 
+@checked
 @dataclass(frozen=True)
 class JohnsonCook:
     """Flow stress sigma(p) (1 + coefficient ln(dp/dt / reference_rate)), at least sigma(p).
@@ -185,6 +191,7 @@ Hardening = Linear | Voce | PowerLaw | Table
 Rate = Perzyna | JohnsonCook
 
 
+@checked
 @dataclass(frozen=True)
 class VonMises:
     """Flows where the stress intensity reaches the flow stress (Shilko 9-12).
@@ -210,6 +217,7 @@ class VonMises:
         return self.yield_stress + self.hardening.stress(np.asarray(plastic_strain))
 
 
+@checked
 @dataclass(frozen=True)
 class Nikolaevsky:
     """Rocks' flow: q + friction m reaches the flow stress, with dilatancy (theory B6).

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, InputError, finite
+from .errors import Array, InputError, checked, finite, positive
 
 
+@checked
 @dataclass(frozen=True)
 class Healing:
     """A law by which unlinked facet bonds of a body, broken or cut, are linked again.
@@ -32,6 +33,41 @@ class Healing:
                 raise InputError(f"{name} is {getattr(self, name):g}; give 0 or more.")
         if not 0.0 < float(finite("strength", self.strength, ())) <= 1.0:
             raise InputError(f"strength is {self.strength:g}; give a share, above 0 and up to 1.")
+
+
+@checked
+@dataclass(frozen=True)
+class Welding:
+    """A law by which elements that no bond joins weld (`Scene.contact`).
+
+    A pair does so once it has been pressed with at least `pressure` [Pa] for `time` [s] without a
+    break, while slip on it took at least `work` [J/m^2]. From then on its springs, along and across
+    its normal, bear tension and do not slip, until sqrt(s^2 + t^2) of tension s and shear t is
+    beyond `strength` [Pa]. It starts with the force and energy of the contact.
+    """
+
+    strength: float
+    pressure: float = 0.0
+    time: float = 0.0
+    work: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("pressure", "time", "work"):
+            if float(finite(name, getattr(self, name), ())) < 0.0:
+                raise InputError(f"{name} is {getattr(self, name):g}; give 0 or more.")
+        positive("strength", self.strength, ())
+
+
+@dataclass
+class WeldLog:
+    """Rows of the log of pairs that welded and broke."""
+
+    # lower id, higher id, step, 1 for a weld or -1 for a break, normal stress, shear stress, energy
+    rows: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def add(self, pairs: NDArray[np.int64], step: int, *columns: NDArray) -> None:
+        """Note what happened to pairs in a step."""
+        self.rows.append(np.column_stack([pairs, np.full(len(pairs), step), *columns]))
 
 
 @dataclass

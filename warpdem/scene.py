@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import isnan
+from functools import wraps
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,12 +11,22 @@ from numpy.typing import ArrayLike, NDArray
 from .bond import EVMBond
 from .contact import Contact
 from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
-from .errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
-from .friction import Friction, checked_friction
+from .errors import (
+    Array,
+    InputError,
+    ModelWarning,
+    checked,
+    finite,
+    first_ids,
+    one_of,
+    positive,
+    whole,
+)
+from .friction import Friction, RateAndState, checked_friction
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
-from .relinking import Healing
+from .relinking import Healing, Welding
 from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
@@ -166,6 +176,7 @@ class Scene:
         self.contacts: Contact | None = None
         self.walls: list[Wall] = []
 
+    @checked
     def add(
         self,
         packing: Packing,
@@ -202,7 +213,9 @@ class Scene:
         then have (theory B6); None: faces stay those between the first neighbours.
         healing: the law by which its unlinked bonds, broken or cut, are linked again (theory B11).
         """
-        materials = (material,) if isinstance(material, Material) else tuple(material)
+        materials: tuple[Material, ...] = (
+            tuple(material) if isinstance(material, Sequence) else (material,)
+        )
         if (
             not isinstance(packing, Packing)
             or not materials
@@ -223,7 +236,7 @@ class Scene:
                     "bending stiffness. In space take a circle, a tube or a square, or several "
                     "bonds side by side; in the plane any rectangle will do."
                 )
-        elif bond == "facet":
+        elif isinstance(bond, str) and bond == "facet":
             if not faces:
                 raise InputError("facet bonds need a packing with faces; this one has none.")
             has_volume = any(m.poisson != 0.0 for m in materials) and volume is not False
@@ -272,6 +285,7 @@ class Scene:
         self.bodies.append(body)
         return body
 
+    @checked
     def cut(
         self, body: Body, start: ArrayLike, end: ArrayLike, depth: ArrayLike | None = None
     ) -> NDArray[np.int64]:
@@ -294,6 +308,7 @@ class Scene:
             )
         body.stiffness_factor *= f
 
+    @checked
     def set_strength(
         self,
         body: Body,
@@ -308,7 +323,7 @@ class Scene:
         infinity makes them unbreakable, and no time is spent on testing them.
         """
         self._own(body)
-        if isnan(factor) or factor <= 0.0:
+        if not factor > 0.0:
             raise InputError(f"the strength factor is {factor}; it must be greater than zero.")
         if body.fracture is None:
             raise InputError("this body has no fracture criterion to scale; give one to scene.add.")
@@ -319,6 +334,7 @@ class Scene:
         else:
             body.strength_factor[self._crossing(body, start, end, depth)] = factor
 
+    @checked
     def scatter_strength(self, body: Body, modulus: float, seed: int = 0, by: str = "bond") -> None:
         """Multiply the strengths of bonds by random factors of Weibull's distribution.
 
@@ -331,7 +347,7 @@ class Scene:
         one_of("by", by, ("bond", "element"))
         if body.fracture is None:
             raise InputError("this body has no fracture criterion to scatter; give one first.")
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(whole("seed", seed))
         if by == "bond":
             factor = rng.weibull(modulus, len(body.packing.bonds))
         else:
@@ -339,6 +355,7 @@ class Scene:
         # a strength of 0 would break at once and for no load
         body.strength_factor *= np.maximum(factor, 1e-6)
 
+    @checked
     def strain(
         self, body: Body, strain: ArrayLike | StrainHistory, origin: ArrayLike | None = None
     ) -> None:
@@ -357,17 +374,19 @@ class Scene:
         else:
             history = strain
 
-            def checked(time: float) -> Array:
+            @wraps(history)
+            def at(time: float) -> Array:
                 return _strain(history(time), dim)
 
-            body.strain_history = checked
-            e = checked(0.0)
+            body.strain_history = at
+            e = at(0.0)
         x = body.packing.position
         low, high = x.min(axis=0), x.max(axis=0)
         centre = 0.5 * (low + high) if origin is None else finite("origin", origin, (x.shape[1],))
         body.displacement[:] = (x - centre) @ e
         body.mean_strain[:] = e
 
+    @checked
     def hold(
         self,
         body: Body,
@@ -409,6 +428,7 @@ class Scene:
             body.grip[ids] = len(self.grip_histories)
             self.grip_histories.append(_history(history))
 
+    @checked
     def pull(
         self,
         body: Body,
@@ -425,6 +445,7 @@ class Scene:
         t = finite("traction", traction, (body.packing.dim,))
         self._add_load(body, ids, area[:, None] * t, None, history)
 
+    @checked
     def press(
         self,
         body: Body,
@@ -486,12 +507,14 @@ class Scene:
         """A body force: this acceleration [m/s^2], (dim,), of every element of the scene."""
         self.gravity = finite("acceleration", acceleration, (None,))
 
+    @checked
     def contact(
         self,
         friction: Friction = 0.0,
         restitution: float = 1.0,
         skin: float = 0.5,
         law: str = "linear",
+        welding: Welding | None = None,
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
@@ -502,6 +525,9 @@ class Scene:
         alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
         springs are the same); its time step is for overlaps up to a twentieth of the radius.
 
+        welding: the law by which pairs weld that are pressed on each other; linear law, Coulomb's
+        friction or none.
+
         Pairs that a bond joined close and rub on their own face until they have parted; there EVM
         bonds do not rub.
         """
@@ -510,8 +536,17 @@ class Scene:
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
         one_of("law", law, ("linear", "hertz"))
-        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law)
+        if welding is not None:
+            if not isinstance(welding, Welding):
+                raise InputError(f"welding is {welding!r}; give a Welding.")
+            if law != "linear" or isinstance(mu, RateAndState):
+                raise InputError(
+                    "welding is for the linear law of contact and Coulomb's friction: leave "
+                    "law='hertz' and RateAndState, or welding, out."
+                )
+        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law, welding)
 
+    @checked
     def wall(
         self,
         shape: Shape | ArrayLike,
@@ -564,6 +599,7 @@ class Scene:
         self.walls.append(wall)
         return wall
 
+    @checked
     def steer(
         self,
         wall: Wall,
@@ -590,6 +626,7 @@ class Scene:
             _history(history),
         )
 
+    @checked
     def servo(
         self,
         body: Body,
@@ -655,6 +692,7 @@ class Scene:
         if torque is not None:
             target_torque[ids] += torque
 
+    @checked
     def load(
         self,
         body: Body,
@@ -677,6 +715,7 @@ class Scene:
         )
         self._add_load(body, ids, f, t, history)
 
+    @checked
     def set_velocity(
         self,
         body: Body,
@@ -801,7 +840,10 @@ def _grains(
                 f"{len(materials)} materials need grain: which one each element is of."
             )
         return np.zeros(n, dtype=np.int64)
-    g = np.asarray(grain)
+    try:
+        g = np.asarray(grain)
+    except ValueError:
+        raise InputError(f"grain must be {n} whole numbers, one an element.") from None
     if g.shape != (n,) or g.dtype.kind not in "iub":
         raise InputError(f"grain has shape {g.shape}; give ({n},) whole numbers.")
     bad = (g < 0) | (g >= len(materials))
@@ -996,7 +1038,7 @@ def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:
         message = f"the body is in {packing.pieces} pieces that no bond joins"
         if not bonded.all():
             message += f"; elements {first_ids(~bonded)} have no bond at all"
-        warnings.warn(message + ".", ModelWarning, stacklevel=3)
+        warnings.warn(message + ".", ModelWarning, stacklevel=4)
     if isinstance(bond, EVMBond) and np.all(np.asarray(bond.bending) > 0.0):
         return
     if packing.has_gears and not facet_bending:
@@ -1005,7 +1047,7 @@ def _tell(packing: Packing, bond: str | EVMBond, facet_bending: bool) -> None:
             "spins may grow unnoticed; take facet_bending=True, another packing, or EVM bonds with "
             "bending stiffness.",
             ModelWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

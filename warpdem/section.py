@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import cosh, pi, tanh
 from typing import Protocol
 
-from .errors import InputError, positive
+from .errors import InputError, checked, positive
 
 
 class Section(Protocol):
@@ -44,6 +44,7 @@ def check_section(section: object) -> None:
         raise InputError(f"section is {section!r}; give a Circle, a Tube or a Rectangle.")
 
 
+@checked
 @dataclass(frozen=True)
 class Circle:
     """A solid circle of a radius [m]."""
@@ -88,6 +89,7 @@ class Circle:
         return 6.0 * (1.0 + poisson) / (7.0 + 6.0 * poisson)
 
 
+@checked
 @dataclass(frozen=True)
 class Tube:
     """A circle of radius `outer` [m] with a hole of radius `inner` [m]."""
@@ -146,6 +148,7 @@ class Tube:
         )
 
 
+@checked
 @dataclass(frozen=True)
 class Rectangle:
     """A rectangle: height [m] in the plane in which it bends, width [m] across it.

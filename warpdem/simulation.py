@@ -1,27 +1,31 @@
 """A scene in motion: stable time step, runs, observers, guards."""
 
+import signal
 import time
 import warnings
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from . import fields
+from . import cache, fields
 from .bond import EVMBond
+from .checkpoint import Checkpoint, hand_over, noted_signals, read, restore, save
 from .errors import (
     Array,
     InputError,
     ModelWarning,
-    NonFiniteError,
     TooFastError,
+    checked,
     finite,
     first_ids,
     one_of,
 )
-from .model import build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
+from .guard import Guard
+from .model import Model, build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
 from .passes import team_of
 from .relinking import joined
 from .renewal import carried, tessellate
@@ -91,6 +95,7 @@ class Simulation:
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
     """
 
+    @checked
     def __init__(
         self,
         scene: Scene,
@@ -114,7 +119,14 @@ class Simulation:
         if dt is not None and not finite("dt", dt, ()) > 0.0:
             raise InputError(f"dt is {dt:g} s; it must be greater than zero.")
         self.device = _device(device)
-        self.precision, self.scene, self._simd = precision, scene, simd
+        self.precision, self.scene = precision, scene
+        self.options: dict[str, Any] = {  # with which `resume` makes it anew
+            "precision": precision,
+            "force_dt": force_dt,
+            "local_damping": local_damping,
+            "trouble": trouble,
+            "simd": simd,
+        }
         self.model = build(scene)
         starts = np.cumsum([0, *(len(b.packing) for b in scene.bodies)])
         self._elements = {
@@ -143,16 +155,17 @@ class Simulation:
                 f"dt is {dt:.4g} s, above the stability limit {self.dt_limit:.4g} s; give a "
                 "smaller one, leave it out, or pass force_dt=True to go on regardless."
             )
-        self.dt = float(dt)
-        self._local_damping = local_damping
+        self.dt = self.options["dt"] = float(dt)
         self._team = team_of(threads, self.device)
-        self._step = self._stepping(state_arrays(self.model, scene))
-        # before the last renewal of faces: how elements moved and deformed, what books held
-        self._first_position = self.model.position
+        # before the last renewal of faces: how elements deformed, what books held
+        self._first_model = self.model
         self._past_gradient: Array | None = None
         self._past_books = {"plastic": 0.0, "work": 0.0, "renewal": 0.0}
-        self.renewals: list[Renewal] = []
+        self._renewals: list[tuple] = []
+        self._renewed: dict[str, Any] = {}  # faces that the model has instead of the scene's
         self._told_of_faces = False
+        self._told_of_speed = False
+        self._adopt(self.model, state_arrays(self.model, scene))
         self._check_speed(InputError)
         self._step.evaluate_forces()
         self._step.remember_springs()
@@ -165,8 +178,11 @@ class Simulation:
             self._troubles.append(Slips(self.model, self._ids(), stops=trouble == "stop"))
         if self.model.features.branches:
             self._tell_of_times()
+        self._guarded.check(self._step)
         self._observers: list[Observer] = []
-        self._observed: dict[int, int] = {}
+        self._observed: list[int] = []  # the step at which each was called last
+        self._checkpoints: list[Checkpoint] = []
+        self._awaited: list[tuple] = []  # records of a checkpoint, for observers still to come
         self._stopped = self._told_of_overlap = False
         self.seconds = 0.0
         self.initial_energies = self._measure()
@@ -177,11 +193,29 @@ class Simulation:
         """Hand over an observer, called from now on; returns it."""
         if observer.every < 1:
             raise InputError(f"every is {observer.every}; observe every 1 or more steps.")
+        if isinstance(observer, Checkpoint):
+            self._checkpoints.append(observer)
+            return observer
+        if self._awaited:
+            hand_over(self._awaited.pop(0), observer)
+        if len(self._observed) == len(self._observers):
+            self._observed.append(-1)
         self._observers.append(observer)
         return observer
 
-    def run(self, *, until: float | None = None, steps: int | None = None) -> None:
+    @checked
+    def run(
+        self,
+        *,
+        until: float | None = None,
+        steps: int | None = None,
+        checkpoint: str | Path | None = None,
+        checkpoint_every: int = 1000,
+    ) -> None:
         """Run until a time [s] or for a number of steps, or until an observer calls `stop`.
+
+        checkpoint: where to save the state, every `checkpoint_every` steps, at the end, and before
+        SIGTERM or SIGINT end the run; as `observe(Checkpoint(...))`, for this run.
 
         Raises NonFiniteError naming element, step and dt if numbers stop being finite; nothing
         non-finite reaches an observer.
@@ -192,27 +226,60 @@ class Simulation:
             steps = max(0, round((float(finite("until", until, ())) - self.time) / self.dt))
         if not isinstance(steps, int | np.integer) or steps < 0:
             raise InputError(f"steps is {steps!r}; give a whole number, not negative.")
-        end, servos = self._step.count + steps, self.scene.servos
+        kept = list(self._checkpoints)
+        if checkpoint is not None:
+            kept.append(Checkpoint(checkpoint, checkpoint_every))
+        for each in kept:
+            each.start(self)
         self._stopped = False
+        with noted_signals(bool(kept)) as noted:
+            self._run(self._step.count + steps, kept, noted)
+        if noted:
+            self._interrupt(noted[0], kept)
+
+    def _run(self, end: int, kept: list[Checkpoint], noted: list[int]) -> None:
+        """Steps until `end`, a call of `stop` or a signal; looks are at multiples of their
+        intervals, so that a run in parts is the run in one."""
+        servos = self.scene.servos
+        every = SERVO_EVERY if servos else GUARD_EVERY
         self._call_observers()
-        while self._step.count < end and not self._stopped:
-            target = min([end, *(self._next_call(o) for o in self._observers)])
-            target = min(target, self._step.count + (SERVO_EVERY if servos else GUARD_EVERY))
+        while self._step.count < end and not self._stopped and not noted:
+            nexts = (self._next_call(o.every) for o in (*self._observers, *kept))
+            target = min(end, self._next_call(every), *nexts)
             began = time.perf_counter()
-            for servo in servos:
-                self._steer(servo)
-            while self._step.count < target:
+            if self._step.count % every == 0:
+                for servo in servos:
+                    self._steer(servo)
+            while self._step.count < target and not noted:
                 self._step.advance()
             wp.synchronize_device(self.device)
             self.seconds += time.perf_counter() - began
             self._step.synchronise()
             self._guard()
-            if self.model.features.renews:
+            self._guard_energy()
+            if self._step.count % GUARD_EVERY == 0 and self.model.features.renews:
                 self._renew_if_due()
             self._call_observers()
-        for observer in self._observers:
+            for each in kept:
+                if self._step.count % each.every == 0:
+                    each.observe(self)
+        if noted:
+            for each in kept:
+                each.write(self)
+            return
+        for observer in (*kept, *self._observers):
             observer.finish(self)
 
+    def save(self, path: str | Path) -> None:
+        """Write all of the state to a file from which `resume` goes on to the same bits.
+
+        path: ends in .npz; what had this name before is kept as NAME.previous.npz. Raises
+        InputError if it cannot be written, and then leaves both as they were.
+        """
+        self._step.synchronise()
+        save(self, Checkpoint(path).path)
+
+    @checked
     def relax(
         self, tolerance: float | None = None, max_steps: int = 100_000, tell: Telling | None = None
     ) -> float:
@@ -233,6 +300,7 @@ class Simulation:
         finally:
             self._start_anew()
 
+    @checked
     def equilibrate(
         self,
         tolerance: float = 1e-8,
@@ -255,6 +323,7 @@ class Simulation:
         finally:
             self._start_anew()
 
+    @checked
     def natural_frequencies(self, count: int = 6) -> Array:
         """Lowest angular frequencies [rad/s] of small motions about the current state, (count,).
 
@@ -292,21 +361,26 @@ class Simulation:
         shift = np.zeros((len(faces.pair), dim))
         if body.packing.period is not None:
             shift = faces.image * body.packing.period
-        new = with_faces(
-            old, position, faces.volume, faces.pair, faces.area, faces.arms, shift, past,
-            body.strain_history,
-        )  # fmt: skip
+        renewed: dict[str, Any] = {
+            "position": position,
+            "volume": faces.volume,
+            "pairs": faces.pair,
+            "area": faces.area,
+            "arms": faces.arms,
+            "shift": shift,
+            "past": past,
+            "slots": old.features.slots,
+        }
+        new = self._with_faces(**renewed)
         kept, lack = carried(old, step, new, since)
         linked = np.ones(new.bonds, dtype=bool)
         trial = state_arrays(new, self.scene, linked)
         trial["displacement"] = np.zeros_like(position)
-        self.model = new
-        self._past_gradient = gradient
-        self.dt_limit = 2.0 / largest_frequency(
-            Step(new, dict(trial), 1.0, self.precision, self.device, self._simd, slack=np.inf),
-            self._spacing,
-        )
-        self._step = self._stepping(trial | kept)
+        self._renewed, self._past_gradient = renewed, gradient
+        simd = self.options["simd"]
+        free = Step(new, dict(trial), 1.0, self.precision, self.device, simd, slack=np.inf)
+        self.dt_limit = 2.0 / largest_frequency(free, self._spacing)
+        self._adopt(new, trial | kept)
         self._step.count = step.count
         self._step.servo_factors = step.servo_factors
         self._step.set_factors()
@@ -325,9 +399,13 @@ class Simulation:
         own["renewal"] += jump
         size = float(np.abs(stress).max())
         change = float(np.abs(self.stress - stress).max()) / size if size > 0.0 else 0.0
-        renewal = Renewal(step.count, self.time, jump, change, lack)
-        self.renewals.append(renewal)
-        return renewal
+        self._renewals.append((step.count, self.time, jump, change, lack))
+        return self.renewals[-1]
+
+    @property
+    def renewals(self) -> list[Renewal]:
+        """Renewals of faces so far."""
+        return [Renewal(*numbers) for numbers in self._renewals]
 
     def stop(self) -> None:
         """End the run after the current call of observers."""
@@ -369,7 +447,7 @@ class Simulation:
     def displacement(self) -> Array:
         """Displacement of every element from its reference place [m], (n, dim)."""
         own = slice(0, self.model.own_elements)
-        return self._own("displacement") + (self.model.position - self._first_position)[own]
+        return self._own("displacement") + (self.model.position - self._first_model.position)[own]
 
     @property
     def position(self) -> Array:
@@ -535,10 +613,18 @@ class Simulation:
         """Pairs of elements that touch now without a bond, (c, 2), the lower id first."""
         if self._step.neighbours is None or self.model.contact_radius is None:
             return np.zeros((0, 2), dtype=np.int64)
-        i, j = self._step.neighbours.pairs().astype(np.int64).T
-        x, radius = self.position, self.model.contact_radius
-        near = np.linalg.norm(x[j] - x[i], axis=1) < radius[i] + radius[j]
-        return np.stack([i, j], axis=1)[near]
+        pairs = self._step.neighbours.pairs().astype(np.int64)
+        return pairs[self._apart(pairs) < self.model.contact_radius[pairs].sum(axis=1)]
+
+    def _apart(self, pairs: NDArray[np.int64]) -> Array:
+        """Distances [m] of pairs of elements, in a periodic box of their nearest images."""
+        i, j = pairs.T
+        d = self.position[j] - self.position[i]
+        if self.model.contact_period is not None:
+            strain = self._step.box_strains[0]
+            edges = (np.eye(len(strain)) + strain) * self.model.contact_period
+            d -= np.rint(d @ np.linalg.inv(edges).T) @ edges.T
+        return np.linalg.norm(d, axis=1)
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
@@ -611,6 +697,29 @@ class Simulation:
         kinds += [(x, float) for x in names]
         return self._log_of(kinds, joined(self._step.relinks.links), "pressure")
 
+    @property
+    def welded(self) -> NDArray[np.int64]:
+        """Pairs of elements that are welded now (`Welding`), (p, 2), the lower id first."""
+        return self._step.welded()
+
+    def welded_pairs(self) -> NDArray[np.void]:
+        """Log of pairs that welded, and of welds that broke, in order of time, a structured array
+        with the fields
+
+        i, j, step, time [s], kind ("welded" or "broken"), normal_stress (tension positive) and
+        shear_stress [Pa], of a break those just before it, and released_energy [J], 0 of a weld.
+        """
+        kinds: list[tuple[str, type | str]] = [("i", int), ("j", int), ("step", int)]
+        kinds += [("time", float), ("kind", "U6"), ("normal_stress", float)]
+        kinds += [("shear_stress", float), ("released_energy", float)]
+        rows = np.concatenate([np.zeros((0, 7)), *self._step.welds.rows])
+        log = np.zeros(len(rows), dtype=kinds)
+        i, j, step, kind, normal, shear, energy = rows.T
+        log["i"], log["j"], log["step"], log["time"] = i, j, step, step * self.dt
+        log["kind"] = np.where(kind > 0.0, "welded", "broken")
+        log["normal_stress"], log["shear_stress"], log["released_energy"] = normal, shear, energy
+        return log
+
     def waiting_bonds(self) -> NDArray[np.int64]:
         """Bonds whose law of healing is met now, and that stay unlinked because the link would
         need more energy than their breaks have released."""
@@ -654,12 +763,12 @@ class Simulation:
 
         kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs
         and whatever touches): held now; friction: taken by slip; fracture: released by breaking
-        bonds; damping: taken by dashpots, local damping, absorbing sides and restitution; plastic:
-        dissipated by plastic flow; viscous: by branches; healing: released by links made again,
-        negative where these took from what their breaks had released; work: done by moving grips
-        and walls, outer loads and a periodic box; integrator: velocity Verlet's own term (theory
-        B13), its jumps at breaking bonds included; renewal: lost with old faces; residual: what
-        is missing from their balance.
+        bonds and welds; damping: taken by dashpots, local damping, absorbing sides and restitution;
+        plastic: dissipated by plastic flow; viscous: by branches; healing: released by links made
+        again, negative where these took from what their breaks had released; work: done by moving
+        grips and walls, outer loads and a periodic box; integrator: velocity Verlet's own term
+        (theory B13), its jumps at breaking bonds included; renewal: lost with old faces; residual:
+        what is missing from their balance.
         """
         ledger = self._measure()
         before, now = (
@@ -690,7 +799,8 @@ class Simulation:
             now, own = self._own(name), slice(0, self.model.own_elements)
             given[name] = finite(name, value, now.shape)
             if name == "displacement":
-                given[name] = given[name] - (self.model.position - self._first_position)[own]
+                moved = self.model.position - self._first_model.position
+                given[name] = given[name] - moved[own]
             if name == "velocity":  # grips keep theirs
                 held = self.model.inverse_mass[own] == 0.0
                 given[name] = np.where(held, now, given[name])
@@ -713,18 +823,26 @@ class Simulation:
 
     # -- within -----------------------------------------------------------------------------------
 
-    def _stepping(self, state: dict[str, NDArray]) -> Step:
-        """The passes of a step over these state arrays."""
-        return Step(
-            self.model,
+    def _adopt(self, model: Model, state: dict[str, NDArray]) -> None:
+        """Go on with this model and state: the passes of a step, and the looks at them."""
+        self.model = model
+        self._step = Step(
+            model,
             state,
             self.dt,
             self.precision,
             self.device,
-            self._simd,
-            local_damping=self._local_damping,
+            self.options["simd"],
+            local_damping=self.options["local_damping"],
             team=self._team,
         )
+        self._guarded = Guard(model, state, self._spacing)
+
+    def _with_faces(self, slots: int, **faces: Any) -> Model:
+        """The scene's model with faces made anew; slots: that elements had before."""
+        first = self._first_model
+        roomy = replace(first, features=replace(first.features, slots=slots))
+        return with_faces(roomy, **faces, whole=self.scene.bodies[0].strain_history)
 
     def _renew_if_due(self) -> None:
         """Renew faces where a bond's centres have slid by more than the body's share of its length
@@ -741,7 +859,7 @@ class Simulation:
                     f"at step {self._step.count} faces were not renewed, and the old ones stay "
                     f"until they can be: {why}",
                     ModelWarning,
-                    stacklevel=3,
+                    stacklevel=4,
                 )
 
     def _refuse_contact(self, what: str) -> None:
@@ -770,7 +888,7 @@ class Simulation:
                 f"the shortest time of relaxation, {least:.3g} s, is below the time step "
                 f"{self.dt:.3g} s; its branch acts as a viscosity of half a step's time instead.",
                 ModelWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def _ids(self) -> NDArray[np.int64]:
@@ -795,35 +913,50 @@ class Simulation:
         ledger["fracture"] = 0.0
         if self.model.criteria:
             ledger["fracture"] = float(self._step.download("break_energy").sum(dtype=np.float64))
+        if "weld_energy" in self._step.arrays:
+            ledger["fracture"] += float(self._step.download("weld_energy").sum())
         ledger["work"] = self._step.work
         ledger["renewal"] = 0.0
         for name, past in self._past_books.items():
             ledger[name] += past
         return ledger
 
-    def _next_call(self, observer: Observer) -> int:
-        return (self._step.count // observer.every + 1) * observer.every
+    def _next_call(self, every: int) -> int:
+        return (self._step.count // every + 1) * every
 
     def _call_observers(self) -> None:
-        for observer in self._observers:
+        for place, observer in enumerate(self._observers):
             due = self._step.count % observer.every == 0
-            if due and self._observed.get(id(observer)) != self._step.count:
-                self._observed[id(observer)] = self._step.count
+            if due and self._observed[place] != self._step.count:
+                self._observed[place] = self._step.count
                 observer.observe(self)
 
+    def _interrupt(self, number: int, kept: list[Checkpoint]) -> None:
+        """End the process as a signal asked for, now that the state is saved."""
+        names = ", ".join(str(each.path) for each in kept)
+        handler = signal.getsignal(number)
+        if callable(handler) and handler is not signal.default_int_handler:
+            handler(number, None)
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt(f"step {self.steps} is saved in {names}")
+        raise SystemExit(128 + number)
+
     def _guard(self) -> None:
-        for name in ("displacement", "velocity", "angular_velocity", "orientation"):
-            bad = ~np.isfinite(self._step.download(name)).all(axis=1)
-            if bad.any():
-                raise NonFiniteError(
-                    f"{name} of elements {first_ids(bad)} is not finite at step "
-                    f"{self._step.count} (time {self.time:.4g} s, dt {self.dt:.4g} s, limit "
-                    f"{self.dt_limit:.4g} s); the run was stopped and nothing of it written."
-                )
+        self._guarded.check_finite(self._step)
         self._check_speed(TooFastError)
+        self._guarded.check_motion(self._step)
         self._check_overlap()
         for troubles in self._troubles:
             troubles.check(self._step)
+
+    def _guard_energy(self) -> None:
+        """Not at every observer's look, as it costs as much as a step."""
+        if self._step.count % GUARD_EVERY:
+            return
+        ledger, before = self.energy(), self.initial_energies
+        held = sum(before[k] for k in HELD)
+        work = ledger["work"] - before["work"]
+        self._guarded.check_energy(self._step, ledger["residual"], held, work)
 
     def _check_overlap(self) -> None:
         """Warn, once, of Hertz's contacts deeper than the time step is stable for."""
@@ -832,10 +965,8 @@ class Simulation:
             return
         assert m.contact_radius is not None and m.contact_compliance is not None
         assert m.contact_elements is not None
-        i, j = self.contacts.T
-        radius, x = m.contact_radius, self.position
-        both = radius[i] + radius[j]
-        share = [1.0 - np.linalg.norm(x[j] - x[i], axis=1) / both]
+        radius, pairs = m.contact_radius, self.contacts
+        share = [1.0 - self._apart(pairs) / radius[pairs].sum(axis=1)]
         if m.walls:  # by the force of each on each element
             own = m.contact_elements
             force = np.linalg.norm(self._step.download("wall_reaction"), axis=2)
@@ -849,31 +980,83 @@ class Simulation:
                 f"time step is known to be stable up to {HERTZ_OVERLAP:g}. Take a smaller dt, or "
                 "law='linear'.",
                 ModelWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def _check_speed(self, error: type[Exception]) -> None:
-        """Refuse elements that would pass through others within a step."""
+        """Refuse elements that would pass through others, or through a wall, within a step."""
         m = self.model
         if m.contact_elements is None or m.contact_radius is None:
             return
         own = m.contact_elements
         v = self._step.download("velocity").astype(np.float64)[own]
-        mean = np.average(v, axis=0, weights=m.mass[own])
-        least = float(m.contact_radius[own].min())
-        far = np.linalg.norm(v - mean, axis=1) * self.dt
+        speed = v - np.average(v, axis=0, weights=m.mass[own])
+        self._refuse_fast(speed, "others", error)
+        self._tell_of_speed(speed)
+        x = m.position[own] + self._step.download("displacement")[own]
+        for row, wall in enumerate(m.walls):
+            by_wall = wall.motion(x, self.time, self.dt, self._step.wall_way[row]) / self.dt
+            self._refuse_fast(v - by_wall, f"wall {row}", error)
+
+    def _tell_of_speed(self, speed: Array) -> None:
+        """Warn, once, of elements faster than waves, which contact may be too soft to stop."""
+        m = self.model
+        if self._told_of_speed or m.contact_elements is None:
+            return
+        bodies = self.scene.bodies
+        wave = np.concatenate([np.sqrt(b.pressure_modulus / b.density) for b in bodies])
+        share = np.linalg.norm(speed, axis=1) / wave[m.contact_elements]
+        if share.max() > 1.0:
+            self._told_of_speed = True
+            fast = np.zeros(m.elements, dtype=bool)
+            fast[m.contact_elements] = share > 1.0
+            warnings.warn(
+                f"elements {first_ids(fast)} move at up to {share.max():.3g} times the speed of "
+                "waves in them; the springs of contact may be too soft to stop them, so that they "
+                "pass through others.",
+                ModelWarning,
+                stacklevel=4,
+            )
+
+    def _refuse_fast(self, speed: Array, what: str, error: type[Exception]) -> None:
+        """Refuse elements that move against something by more than half the least radius."""
+        m = self.model
+        assert m.contact_elements is not None and m.contact_radius is not None
+        least = float(m.contact_radius[m.contact_elements].min())
+        far = np.linalg.norm(speed, axis=1) * self.dt
         if far.max() > 0.5 * least:
             fast = np.zeros(m.elements, dtype=bool)
-            fast[own] = far > 0.5 * least
+            fast[m.contact_elements] = far > 0.5 * least
             raise error(
                 f"elements {first_ids(fast)} move by up to {far.max():.3g} m in a step, more than "
-                f"half the least radius, {least:.3g} m, and would pass through others; take dt "
+                f"half the least radius, {least:.3g} m, and would pass through {what}; take dt "
                 f"below {0.5 * least / far.max() * self.dt:.3g} s."
             )
 
 
+def resume(
+    path: str | Path, scene: Scene, device: str | None = None, threads: int = 1
+) -> Simulation:
+    """A simulation that goes on from a checkpoint, on the same device to the same bits.
+
+    scene: built as for the run, by the same script: functions (histories, criteria, observers)
+    cannot be kept in a file. It is compared with the checkpoint's. Observers are handed over anew,
+    in the same order, and get their records back; then `run` goes on. threads: of the CPU; results
+    do not depend on their number.
+
+    Raises DamagedFileError for a file that is not whole, InputError for another scene.
+    """
+    header, arrays = read(Path(path))
+    where = device or header["device"]
+    sim = Simulation(scene, device=where, threads=threads, **header["options"])
+    now = sim.device
+    restore(sim, header, arrays)
+    sim.device = now
+    return sim
+
+
 def _device(name: str) -> str:
-    wp.init()
+    cache.start()
     names = [str(d) for d in wp.get_devices()]
     if name == "cuda" and any(n.startswith("cuda") for n in names):
         return "cuda:0"

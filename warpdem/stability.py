@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array
+from .errors import Array, InputError
 from .model import (
     Model,
     bond_ends,
@@ -16,6 +16,11 @@ from .step import Step, gathered
 
 HERTZ_OVERLAP = 0.05  # of a sphere over its radius, up to which dt is stable
 
+TOO_FAR_APART = (
+    "no stable time step was found for this scene: its masses, sizes and stiffnesses lie too far "
+    "apart for float64; look at the smallest and the largest of each."
+)
+
 
 def largest_frequency(step: Step, spacing: float) -> float:
     """Greatest angular frequency [rad/s] of small motions about the reference state.
@@ -23,7 +28,7 @@ def largest_frequency(step: Step, spacing: float) -> float:
     Lanczos iteration on M^-1/2 K M^-1/2, K applied by the step's own force passes to small
     displacements: the well-converging form of power iteration. Overwrites the state.
     """
-    from scipy.sparse.linalg import LinearOperator, eigsh
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
     m, n = step.model, step.model.elements
     dim = m.features.dim
@@ -74,9 +79,12 @@ def largest_frequency(step: Step, spacing: float) -> float:
         greatest = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[-1])
     else:
         start = np.random.default_rng(0).normal(size=len(free))
-        greatest = float(
-            eigsh(operator, k=1, which="LA", v0=start, tol=1e-3, return_eigenvectors=False)[0]
-        )
+        try:
+            (greatest,) = eigsh(
+                operator, k=1, which="LA", v0=start, tol=1e-3, return_eigenvectors=False
+            )
+        except ArpackError:
+            raise InputError(TOO_FAR_APART) from None
     return float(np.sqrt(max(greatest, 0.0)))
 
 
@@ -226,7 +234,10 @@ class _Blocks:
         root = np.zeros_like(self.k)
         root[:, range(dim), range(dim)] = np.sqrt(m.inverse_mass)
         root[:, dim:, dim:] = inverse_inertia_root(m)
-        return float(np.linalg.eigvalsh(root @ self.k @ root).max())
+        matrix = root @ self.k @ root
+        if not np.isfinite(matrix).all():
+            raise InputError(TOO_FAR_APART)
+        return float(np.linalg.eigvalsh(matrix).max())
 
     def _turning(self, arm: Array) -> Array:
         """Matrix of th -> th x c, (b, dim, spins)."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, InputError, NotConvergedError
+from .errors import Array, InputError, NotConvergedError, positive, whole
 from .model import Model
 from .step import Step, gathered
 
@@ -75,6 +75,8 @@ def relax(
 
     Returns the residual over the size of the bond forces; raises NotConvergedError.
     """
+    whole("max_steps", max_steps)
+    positive("tolerance", tolerance, ())
     _refuse_flight(step)
     held = {name: step.download(name) for name in ("velocity", "angular_velocity")}
     for name, value in held.items():
@@ -134,8 +136,9 @@ def equilibrate(
     """
     if step.real is not step.place or step.download("displacement").dtype != np.float64:
         raise InputError("equilibrate needs precision='float64'; relax works in all.")
-    if load_steps < 1 or max_iterations < 1:
-        raise InputError("load_steps and max_iterations must be at least 1.")
+    whole("load_steps", load_steps, 1)
+    whole("max_iterations", max_iterations, 1)
+    positive("tolerance", tolerance, ())
     m = step.model
     loads = ("external_force", "external_torque", "timed_force", "timed_torque")
     names = [x for x in loads if getattr(m, x) is not None]

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .errors import InputError
 from .friction import coulomb
 from .kernels.algebra import space
 from .kernels.box import strain_box
@@ -68,12 +69,14 @@ from .kernels.volume import face_dilation, volume_release, volume_stresses
 from .kernels.wall import wall_energies, wall_forces, wall_settle
 from .model import PLACES, Model
 from .neighbours import Neighbours
-from .passes import Passes, Team
-from .relinking import RelinkLog
+from .passes import Launched, Part, Passes, Team, Varying
+from .patch import Patch
+from .relinking import RelinkLog, WeldLog
 from .wall import Mesh, turn_between
 
 HOLDS = 1e20  # a friction that lets nothing slide
 STEERING = 0.5  # share of the lacking force that a steered wall makes good for in a step
+WELD_NUMBERS = "weld_pressure", "weld_time", "weld_work", "weld_strength"
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
@@ -88,11 +91,15 @@ OPTIONAL = frozenset(
         *("mean_stiffness", "mean_stress"),
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
         *("hardening_strain", "hardening_stress", "plastic_strain"),
-        *("bond_keep", "break_damage", "softening_end"),
+        *("bond_keep", "break_damage", "softening_end", "beam_load"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),
-        *("contact_moment", "contact_spring", "contact_opened", "slip_energy"),
+        *("any_moved", "contact_radius", "contact_width", "contact_compliance", "contact_image"),
+        *("contact_box", "contact_box_before", "contact_box_after"),
+        *("contact_welded", "contact_pressed", "contact_worked", "weld_event", "weld_normal"),
+        *("weld_shear", "weld_released", "weld_energy", "any_welded"),
+        *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
         "restitution_energy",
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
@@ -107,7 +114,8 @@ SUMS = frozenset(
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
-        *("contact_position", "slip_energy", "restitution_energy", "wall_work"),
+        "weld_energy",
+        *("contact_position", "contact_box_work", "slip_energy", "restitution_energy", "wall_work"),
         *("closing_slip_energy", "relink_energy", "healing_start"),
         *("wall_shape", "face_place"),
         *("wall_place", "wall_place_before", "wall_turn", "wall_turn_before"),
@@ -129,6 +137,11 @@ class Step:
     unless `synchronous`. A bond that breaks at the end of a step does so at that instant: the
     half kick before it has the old forces, the one after it the new.
     """
+
+    # what a checkpoint leaves out of a step's own numbers: arrays have their place in it, these
+    # are views of them
+    not_saved = ("arrays", "_shapes", "_flags", "_nothings")
+    addresses = ("wall_mesh",)  # arrays that hold no numbers but where things are on this device
 
     def __init__(
         self,
@@ -164,14 +177,20 @@ class Step:
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
+        self._stress_everywhere: wp.Launch | None = None
         self._relax: Passes | None = None
         self._flags: dict[str, NDArray] = {}
         self._nothings: dict[type, wp.array] = {}
-        self.relinks = RelinkLog()
+        self.relinks, self.welds = RelinkLog(), WeldLog()
         self.neighbours: Neighbours | None = None
         self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
         self._walls_posed = False
         self._meshes = self._build_meshes()
+        # of a periodic box with contact: now, and at the end of the next step
+        fixed = model.contact_strain
+        self.box_strains = np.zeros((2, model.features.dim, model.features.dim))
+        if fixed is not None:
+            self.box_strains[:] = fixed
         if model.contact is not None and touches:
             self.neighbours = Neighbours(model, self.arrays, *self._space, self.device)
         self.forget_gaps()
@@ -194,6 +213,8 @@ class Step:
             self._settle.launch()
         if self.neighbours is not None and self._raised("any_touched"):
             self._settle_contact.launch()
+        if "any_welded" in self.arrays and self._raised("any_welded"):
+            self._note_welds()
         if self.model.criteria and self._raised("any_broken"):
             self.break_bonds()
         elif self.model.healing and self._raised("any_healed"):
@@ -206,6 +227,8 @@ class Step:
         if self.model.strain_history is not None:
             strain = np.asarray(self.model.strain_history(now + self.dt), dtype=np.float64)
             self._write("box_strain", strain.ravel())
+        if self.neighbours is not None and self.model.contact_period is not None:
+            self._move_sides(now)
         for name, histories, at in (
             ("load_factor", self.model.load_histories, now),
             ("grip_factor", self.model.grip_histories, now + 0.5 * self.dt),
@@ -216,6 +239,15 @@ class Step:
                     for grip, factor in self.servo_factors.items():
                         values[grip] = factor
                 self._write(name, values)
+
+    def _move_sides(self, now: float) -> None:
+        """Strains of a periodic box at this instant and at the end of the next step, and how far
+        its edges have moved by them."""
+        period, history = self.model.contact_period, self.model.strain_history
+        for at, name in enumerate(("contact_box_before", "contact_box")):
+            if history is not None:
+                self.box_strains[at] = history(now + at * self.dt)
+            self._write(name, (self.box_strains[at] * period).ravel())
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
@@ -231,31 +263,45 @@ class Step:
         assert self.neighbours is not None
         if self.model.walls:
             self._pose_walls(moves)
-        if self.neighbours.refresh():
+        builds = self.neighbours.builds
+        if self.neighbours.refresh(self.box_strains[int(moves)]):
             self._bind_contact()
+        if self.neighbours.builds != builds:
+            self._clear_contact()
         (self._contact if moves else self._contact_still).launch()
+
+    def _clear_contact(self) -> None:
+        """Nothing touches but what a new list will tell."""
+        slots = self.model.features.slots
+        for name in ("end_force", "end_torque"):
+            array = self.arrays[name]
+            array[array.size // slots * (slots - 1) :].zero_()  # the last slot is theirs
+        self.arrays["contact_moment"].zero_()
 
     def _pose_walls(self, moves: bool) -> None:
         """Poses of walls at this instant, or at the end of a step and how they came there."""
-        walls, middle = self.model.walls, self.model.contact_middle
-        assert middle is not None
-        if self._walls_posed and all(w.stands for w in walls):
+        if self._walls_posed and all(w.stands for w in self.model.walls):
             return
         self._walls_posed = True
-        before = [
-            w.pose(self.count * self.dt, x) for w, x in zip(walls, self.wall_way, strict=True)
-        ]
-        now, dt = before, self.dt
+        before, dt = self.wall_poses(self.count), self.dt
+        now = before
         if moves:
             self._steer_walls()
-            time = (self.count + 1) * dt
-            now = [w.pose(time, x) for w, x in zip(walls, self.wall_way, strict=True)]
+            now = self.wall_poses(self.count + 1)
         for name, poses in (("_before", before), ("", now)):
-            self._write("wall_place" + name, np.ravel([p - middle for p, _ in poses]))
+            self._write("wall_place" + name, np.ravel([p for p, _ in poses]))
             self._write("wall_turn" + name, np.ravel([q for _, q in poses]))
         pairs = list(zip(before, now, strict=True))
         self._write("wall_velocity", np.ravel([(b[0] - a[0]) / dt for a, b in pairs]))
         self._write("wall_spin", np.ravel([turn_between(a[1], b[1]) / dt for a, b in pairs]))
+
+    def wall_poses(self, step: int) -> list[tuple[NDArray, NDArray]]:
+        """Place [m], from the middle of the scene, and orientation of every wall at a step."""
+        middle, pairs = self.model.contact_middle, zip(self.model.walls, self.wall_way, strict=True)
+        if middle is None:
+            return []
+        poses = (wall.pose(step * self.dt, way) for wall, way in pairs)
+        return [(place - middle, turn) for place, turn in poses]
 
     def _steer_walls(self) -> None:
         """Move steered walls by the force they lack over an impedance (docs/equations.md)."""
@@ -329,26 +375,35 @@ class Step:
         Only their neighbourhood is touched. Its finishing half kick is made with the old forces
         and, so that it can be made again later, unmade with the new ones.
         """
+        self._patch.fill(self._broken())
         before = self._near_integrator_energy()
-        self._break.launch()
-        self._log.set_param_by_name("step", self.count)
-        self._log.launch()
-        self._mend.launch()
+        assert isinstance(self._log, Varying)
+        self._log.launched.set_param_by_name("step", self.count)
+        for launch in self._break:
+            launch.launch()
         self.integrator_released += before - self._near_integrator_energy()
+
+    def _broken(self) -> NDArray[np.intp]:
+        """Rows of the listed bonds that broke or softened just now."""
+        listed = self.model.listed_bonds
+        kept = self.arrays["bond_keep" if self.model.softens else "bond_linked"].numpy()[listed]
+        return np.flatnonzero((kept < 1.0) & (self.arrays["break_step"].numpy()[listed] == -1))
 
     def relink_bonds(self) -> None:
         """Link the bonds that were found to, at this instant, with the forces they have.
 
         As at a break, the finishing half kick is made before it and unmade after it.
         """
-        self._note_links()
+        rows = np.flatnonzero(self.arrays["healing_state"].numpy() == LINKS)
+        self._note_links(rows)
+        self._patch.fill(rows)
         before = self._near_integrator_energy()
-        self._relink.launch()
+        for launch in self._relink:
+            launch.launch()
         self.integrator_released += before - self._near_integrator_energy()
 
-    def _note_links(self) -> None:
+    def _note_links(self, rows: NDArray[np.intp]) -> None:
         """Write down the links about to be made, and the breaks that these bonds come from."""
-        rows = np.flatnonzero(self.arrays["healing_state"].numpy() == LINKS)
         link = {x: self.download("relink_" + x)[rows] for x in ("normal", "shear", "released")}
         last = {}
         if self.model.criteria:
@@ -356,6 +411,22 @@ class Step:
             last = {x: self.download("break_" + x)[rows] for x in ("normal", "shear", "energy")}
             last["step"] = self.download("break_step")[self.model.listed_bonds[rows]]
         self.relinks.add(rows, self.count, link, last)
+
+    def _note_welds(self) -> None:
+        """Write down which pairs have welded or broken at this instant."""
+        assert self.neighbours is not None
+        event = self.arrays["weld_event"]
+        kinds = event.numpy()
+        at, pairs = self.neighbours.entries(kinds != 0)
+        columns = (self.arrays["weld_" + x].numpy()[at] for x in ("normal", "shear", "released"))
+        self.welds.add(pairs, self.count, kinds[at], *columns)
+        event.zero_()
+
+    def welded(self) -> NDArray[np.int64]:
+        """Pairs of elements that are welded now, (p, 2), the lower id first."""
+        if self.neighbours is None or "contact_welded" not in self.arrays:
+            return np.zeros((0, 2), dtype=np.int64)
+        return self.neighbours.entries(self.arrays["contact_welded"].numpy() != 0)[1]
 
     def waiting(self) -> NDArray[np.int64]:
         """Listed bonds that meet their law of healing and lack the energy to link."""
@@ -389,7 +460,7 @@ class Step:
         yz, xz."""
         if self.model.bond_arm is None:
             return np.zeros((self.model.elements, 4 if self.model.features.dim == 2 else 6))
-        if "all_elements" not in self.arrays:
+        if self._stress_everywhere is None:
             self.upload("all_elements", np.arange(self.model.elements, dtype=np.int32))
             if "stress" not in self.arrays:
                 width = 4 if self.model.features.dim == 2 else 6
@@ -435,7 +506,8 @@ class Step:
     @property
     def work(self) -> float:
         """Work done so far by grips, loads and a periodic box [J]."""
-        return self._taken("element_work", "box_work", "dashpot_work", "wall_work")
+        names = "element_work", "box_work", "contact_box_work", "dashpot_work", "wall_work"
+        return self._taken(*names)
 
     def evaluate_angles(self) -> dict[str, NDArray[np.float64]]:
         """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
@@ -479,6 +551,21 @@ class Step:
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
         return sum(a.capacity for a in self.arrays.values())
+
+    def restore(self, name: str, value: NDArray, shape: tuple[int, ...]) -> None:
+        """Overwrite an array, bit by bit, by one that was kept; one that is not there is made."""
+        if name not in self.arrays:
+            self._shapes[name] = shape
+            dtype = wp.dtype_from_numpy(value.dtype)
+            self.arrays[name] = wp.array(value, dtype=dtype, device=self.device)
+            return
+        now = self.arrays[name].numpy()
+        if now.dtype != value.dtype or now.shape != value.shape:
+            raise InputError(
+                f"{name} of the checkpoint is {value.dtype} {value.shape}, of this simulation "
+                f"{now.dtype} {now.shape}; another warpdem, or another precision, wrote it."
+            )
+        self.arrays[name].assign(value)
 
     # -- passes -----------------------------------------------------------------------------------
 
@@ -525,11 +612,18 @@ class Step:
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
         is_hertz = m.contact.is_hertz
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz)
+        is_periodic = m.contact_period is not None
+        welding = m.contact.welding
+        welds = welding is not None
+        weld_numbers = {x: getattr(welding, x.removeprefix("weld_"), 0.0) for x in WELD_NUMBERS}
+        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic, welds, walls > 0)
         place = {"first_place": (m.features.slots - 1) * m.elements}
         mu, both = coulomb(m.contact.friction), []
-        for dt in (self.dt, 0.0):
-            passes = [self._bind(law, rows, dt=dt, friction=mu, **place)]
+        # at the end of a step the box is where it was to go, but else where it was before
+        after = {"contact_box_after": self.arrays.get("contact_box")}
+        still = {"contact_box": self.arrays.get("contact_box_before")}
+        for dt, sides in ((self.dt, {}), (0.0, still)):
+            passes = [self._bind(law, rows, dt=dt, friction=mu, **place, **sides, **weld_numbers)]
             if walls:
                 on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
                 passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
@@ -540,9 +634,10 @@ class Step:
             "end_torque": self.arrays["settling_twist"],
         }
 
-        def settle(share: float) -> list[wp.Launch]:
+        def settle(share: float) -> list[Launched]:
             numbers = {"restitution": restitution, "share": share}
-            paid = [self._bind(contact_settle(s, k, bounces), rows, **numbers)]
+            law = contact_settle(s, k, bounces, is_periodic)
+            paid = [self._bind(law, rows, dt=self.dt, **numbers, **still, **after)]
             if walls:
                 on_walls = wall_settle(s, k, kinds, bounces)
                 paid.append(self._bind(on_walls, rows, **numbers, **given))
@@ -560,12 +655,13 @@ class Step:
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        passes = [self._bind(contact_energies(s, k, m.rubs, is_hertz), rows)]
+        law = contact_energies(s, k, m.rubs, is_hertz, is_periodic, welds)
+        passes = [self._bind(law, rows, **still)]
         if walls:
             passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
         self._contact_energies = self._passes(passes)
 
-    def _damping_passes(self) -> list[wp.Launch]:
+    def _damping_passes(self) -> list[Launched]:
         (s, k), m, f = self._space, self.model, self.model.features
         is_local = self.local_damping > 0.0
         if not (f.has_dashpots or is_local or f.absorbs):
@@ -594,7 +690,7 @@ class Step:
             passes.insert(0, self._bind(law, m.evm_bonds, first_evm=m.facet_bonds))
         return [*self._dashpot_passes(), *passes]
 
-    def _dashpot_passes(self) -> list[wp.Launch]:
+    def _dashpot_passes(self) -> list[Launched]:
         """Forces of the dashpots beside the springs of facet bonds."""
         (s, k), m, f = self._space, self.model, self.model.features
         if not f.has_retardation:
@@ -623,14 +719,14 @@ class Step:
             passes.insert(0, self._bind(law, len(m.box_bonds), dt=self.dt))
         return passes
 
-    def _creep_passes(self) -> tuple[list[wp.Launch], list[wp.Launch]]:
+    def _creep_passes(self) -> tuple[list[Launched], list[Launched]]:
         """Forces at new places, to which branches have crept, and the books of that."""
         (s, k), m, f = self._space, self.model, self.model.features
         trial = face_dilation(s, k, f.faces, False, self._simd)
         forces = [self._bind(trial, m.bonds, listed=None, first=0)]
-        openings: list[wp.Launch] = []
-        books: list[wp.Launch] = []
-        changes: list[wp.Launch] = []
+        openings: list[Launched] = []
+        books: list[Launched] = []
+        changes: list[Launched] = []
         if f.branches:
             means = mean_creep(s, f.slots, f.plane, f.branches, self._simd)
             creep = facet_creep(s, k, f.faces, f.branches, self._simd)
@@ -651,13 +747,13 @@ class Step:
         self._remember = self._passes([*openings, *changes])
         return [*forces, *self._force_passes(has_dilations=True, dt=self.dt)], books
 
-    def _retarded(self, is_at_rest: bool) -> wp.Launch:
+    def _retarded(self, is_at_rest: bool) -> Launched:
         m = self.model
         assert m.retarded_elements is not None
         law = retarded_volume(self._space[0], m.features.slots, is_at_rest, self._simd)
         return self._bind(law, len(m.retarded_elements), elements=m.elements)
 
-    def _box_passes(self) -> tuple[list[wp.Launch], list[wp.Launch]]:
+    def _box_passes(self) -> tuple[list[Launched], list[Launched]]:
         """Motion of the sides of a periodic box before elements move, and its work after."""
         if self.model.box_bonds is None:
             return [], []
@@ -668,7 +764,7 @@ class Step:
         )
         return [before], [after]
 
-    def _flow_passes(self) -> list[wp.Launch]:
+    def _flow_passes(self) -> list[Launched]:
         """Return of stresses beyond yield, the slips that this leaves, forces after them."""
         (s, k), m, f = self._space, self.model, self.model.features
         passes, numbers = [], numbers_type(s)
@@ -722,8 +818,8 @@ class Step:
             "end_torque": self.arrays["closing_twist"],
         }
         laws = (
-            facet_settle(s, k, f.faces, self._simd),
-            evm_settle(s, k, f.faces.has_slip, self._simd),
+            facet_settle(s, k, f.faces),
+            evm_settle(s, k, f.faces.has_slip),
         )
         passes = [self._move(half, 0.0, elements="listed_elements")]
         for _ in range(SETTLEMENTS):
@@ -733,7 +829,7 @@ class Step:
         passes.append(self._move(-half, 0.0, elements="listed_elements"))
         return self._passes(passes)
 
-    def _fracture_passes(self) -> list[wp.Launch]:
+    def _fracture_passes(self) -> list[Launched]:
         """Stress of the elements whose bonds may break, and the test of each criterion."""
         (s, k), m = self._space, self.model
         passes, four = [], criterion_numbers(s)
@@ -742,29 +838,33 @@ class Step:
         for group in m.criteria:
             time, exponent = group.rate
             given: dict[str, Any] = {"time": time, "exponent": exponent, "dt": self.dt}
+            given |= {f"number_{n + 1}": x for n, x in enumerate(group.numbers)}
             given |= {"numbers": four(*group.numbers), "first": group.first}
             given["listed"] = self.arrays["listed_bonds"]
+            assert m.listed_bonds is not None
+            ids = m.listed_bonds[group.first : group.first + group.count]
+            given["first_bond"], in_row = int(ids[0]), bool((np.diff(ids) == 1).all())
             if group.test.needs_stress:
-                law = break_bonds(s, k, m.features.faces, group.test, self._simd)
+                law = break_bonds(s, k, m.features.faces, group.test, in_row, self._simd)
             else:
-                law = break_beams(s, k, group.test, self._simd)
+                law = break_beams(s, group.test, in_row, self._simd)
                 given["first_evm"] = m.facet_bonds
             passes.append(self._bind(law, group.count, **given))
         return passes
 
     def _bind_break(self) -> None:
-        """Passes of a step in which bonds broke."""
-        (s, _), m, f = self._space, self.model, self.model.features
-        listed, half = self.arrays["listed_bonds"], 0.5 * self.dt
-        self.upload("listed_linked_energy", np.zeros(listed.size))
-        before = [
-            self._move(half, 0.0, elements="near_elements"),
-            *self._pair_energies("listed_bonds", m.facet_listed),
+        """Passes of a step in which bonds broke, over the neighbourhood of these."""
+        (s, _), m, f, half = self._space, self.model, self.model.features, 0.5 * self.dt
+        self._bind_patch()
+        patch = self._patch
+        self.upload("patch_linked_energy", np.zeros(self.arrays["patch_bonds"].size))
+        passes = [
+            self._move(half, 0.0, near=True),
+            *self._pair_energies(near=True),
             *self._drop_rest(),
-            *self._closing_energies(),
+            *self._closing_energies(near=True),
         ]
         if f.has_volume:
-            elements = self.arrays["listed_elements"]
             release = volume_release(
                 s, f.slots, f.keeps_mean, f.has_dilation, m.softens, self._simd
             )
@@ -776,31 +876,34 @@ class Step:
                 out, back = (retarded_release(s, f.slots, x, self._simd) for x in (False, True))
                 laws = [(out, {}), *laws, (back, {})]
             for law, numbers in laws:
-                numbers["elements"] = m.elements
-                before.append(self._bind(law, elements.size, listed=elements, **numbers))
-        self._break = self._passes(before)
+                numbers |= {"elements": m.elements, "listed": self.arrays["patch_elements"]}
+                passes.append(self._bind(law, patch.elements, **numbers))
         self._log = self._bind(
             log_breaks(s, f.has_volume, m.softens, self._simd),
-            listed.size,
-            listed=listed,
-            linked_energy=self.arrays["listed_linked_energy"],
+            patch.bonds,
+            rows=self.arrays["patch_rows"],
+            listed=self.arrays["listed_bonds"],
+            linked_energy=self.arrays["patch_linked_energy"],
             step=0,
         )
-        mend = [*self._unlink(), *self._force_passes(near=True)]
+        passes += [self._log, *self._unlink(), *self._force_passes(near=True)]
         # stresses after the break are what the next flow starts from
         if m.element_law is not None:
-            mend += self._creep_changes
+            passes += self._creep_changes
         elif f.has_dilation:
-            mend.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
-        self._mend = self._passes([*mend, self._move(-half, 0.0, elements="near_elements")])
-        self._bind_near_energies()
+            passes.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
+        self._break = [*passes, self._move(-half, 0.0, near=True)]
 
-    def _bind_near_energies(self) -> None:
-        if "near_integrator_energy" not in self.arrays:
-            self.upload("near_integrator_energy", np.zeros(self.arrays["near_elements"].size))
-            self._near_integrator = self._integrator_energies("near_elements")
+    def _bind_patch(self) -> None:
+        """Lists of what a break or a link touches, and the integrator's energy there."""
+        if "patch_rows" in self.arrays:
+            return
+        self._patch = Patch(self.model, self.arrays, self.device)
+        size = self.arrays["patch_near_elements"].size
+        self.upload("near_integrator_energy", np.zeros(size))
+        self._near_integrator = self._integrator_energies(near=True)
 
-    def _bind_healing(self) -> list[wp.Launch]:
+    def _bind_healing(self) -> list[Launched]:
         """The test of each law of healing; aside, the passes of a step in which bonds linked."""
         (s, k), m, f, half = self._space, self.model, self.model.features, 0.5 * self.dt
         listed = self.arrays["listed_bonds"]
@@ -811,27 +914,29 @@ class Step:
             numbers = {"pressure": law.pressure, "time": law.time, "work": law.work, "dt": self.dt}
             given: dict[str, Any] = {"listed": listed, "first": group.first}
             tests.append(self._bind(heal_bonds(s, k, *kind), group.count, **numbers, **given))
+        self._bind_patch()
         relink = [
-            self._move(half, 0.0, elements="near_elements"),
+            self._move(half, 0.0, near=True),
             self._bind(link_bonds(s, k, *kind), m.facet_listed, listed=listed),
         ]
         if f.has_volume:
-            elements = self.arrays["listed_elements"]
-            sizes = {"plane_strain": float(f.plane_strain), "elements": m.elements}
-            law_of_faces = join_faces(s, f.slots)
-            relink.append(self._bind(law_of_faces, elements.size, listed=elements, **sizes))
-        relink += self._force_passes(near=True)
-        self._relink = self._passes([*relink, self._move(-half, 0.0, elements="near_elements")])
-        self._bind_near_energies()
+            sizes: dict[str, Any] = {"listed": self.arrays["patch_elements"]}
+            sizes |= {"plane_strain": float(f.plane_strain), "elements": m.elements}
+            relink.append(self._bind(join_faces(s, f.slots), self._patch.elements, **sizes))
+        self._relink = [
+            *relink,
+            *self._force_passes(near=True),
+            self._move(-half, 0.0, near=True),
+        ]
         return tests
 
-    def _drop_rest(self) -> list[wp.Launch]:
+    def _drop_rest(self) -> list[Launched]:
         """Bonds that broke just now lose the rest state that a link made again had."""
         m, f = self.model, self.model.features
         if not m.healing:
             return []
         law = drop_rest(*self._space, f.has_volume)
-        return [self._bind(law, m.facet_listed, listed=self.arrays["listed_bonds"])]
+        return [self._bind(law, self._patch.facets, listed=self.arrays["patch_bonds"])]
 
     def _bind_energies(self) -> Passes:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -878,38 +983,46 @@ class Step:
 
     def _force_passes(
         self, near: bool = False, has_dilations: bool = False, dt: float = 0.0
-    ) -> list[wp.Launch]:
-        """Forces of all bonds, or of those near bonds that may break.
+    ) -> list[Launched]:
+        """Forces of all bonds, or of those near bonds that changed.
 
         has_dilations: the faces' dilations are at hand, as nothing has moved since; dt: the step
         that ends there, 0 at given places.
         """
         (s, k), m, f = self._space, self.model, self.model.features
-        bonds, facets, elements = m.bonds, m.facet_bonds, m.elements
-        listed, listed_elements = None, None
-        if near:
-            listed, listed_elements = self.arrays["near_bonds"], self.arrays["near_elements"]
-            bonds, facets, elements = listed.size, m.near_facets, listed_elements.size
         if f.finite_strain:
             return self._finite_passes(has_dilations, dt)
+        bonds: int | Part = m.bonds
+        facets: int | Part = m.facet_bonds
+        evm: int | Part = m.evm_bonds
+        elements: int | Part = m.elements
+        changed, listed, listed_elements = (None, None, None)
+        if near:
+            bonds, elements = self._patch.bonds, self._patch.elements
+            facets, evm = self._patch.near_facets, self._patch.near_evm
+            names = "patch_bonds", "patch_near_bonds", "patch_elements"
+            changed, listed, listed_elements = (self.arrays[x] for x in names)
         passes = []
         if f.has_volume:
             if not has_dilations:
                 law = face_dilation(s, k, f.faces, near, self._simd)
-                passes.append(self._bind(law, bonds, listed=listed, first=0))
+                passes.append(self._bind(law, bonds, listed=changed, first=0))
             law = volume_stresses(s, f.slots, f.keeps_mean, f.has_dilation, near, self._simd)
             numbers: dict[str, Any] = {"elements": m.elements, "first": 0}
             passes.append(self._bind(law, elements, listed=listed_elements, **numbers))
-        if facets:
+        has_facets, has_evm = self._laws(near)
+        if has_facets:
             law = facet_forces(s, k, f.faces, f.has_volume, f.has_bending, near, self._simd)
             passes.append(self._bind(law, facets, listed=listed, first=0))
-        if bonds > facets:
-            law = evm_forces(s, k, f.faces, f.has_volume, f.large_rotation, near, self._simd)
-            numbers = {"first": facets, "first_evm": m.facet_bonds}
-            passes.append(self._bind(law, bonds - facets, listed=listed, **numbers))
+        if has_evm:
+            law = evm_forces(
+                s, k, f.faces, f.has_volume, f.large_rotation, m.breaks_beams, near, self._simd
+            )
+            numbers = {"first": m.facet_bonds, "first_evm": m.facet_bonds}
+            passes.append(self._bind(law, evm, listed=listed, **numbers))
         return passes + self._closing(dt)
 
-    def _finite_passes(self, has_openings: bool, dt: float) -> list[wp.Launch]:
+    def _finite_passes(self, has_openings: bool, dt: float) -> list[Launched]:
         """Forces of all bonds, of facets alone, at finite strain."""
         (s, k), m, f = self._space, self.model, self.model.features
         passes = []
@@ -920,7 +1033,7 @@ class Step:
         passes.append(self._bind(finite_forces(s, k, f.faces, f.has_bending, self._simd), m.bonds))
         return passes + self._closing(dt)
 
-    def _closing(self, dt: float) -> list[wp.Launch]:
+    def _closing(self, dt: float) -> list[Launched]:
         """Unlinked pairs resist closing, and rub where the scene has friction.
 
         dt: in which faces that have a state slide; 0 holds them.
@@ -931,43 +1044,65 @@ class Step:
             friction = HOLDS
         ages = m.faces_rub and m.ages and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, ages),
+            facet_closing(s, k, f.faces, m.faces_rub, ages, self._touch_law),
             evm_closing(s, k, f.faces.has_slip),
             slack=self._slack,
             friction=friction,
             dt=dt,
         )
 
+    @property
+    def _touch_law(self) -> str | None:
+        """By which law elements touch, or None."""
+        return (
+            None
+            if self.neighbours is None or self.model.contact is None
+            else (self.model.contact.law)
+        )
+
     def _over_listed(
-        self, facet_law: wp.Kernel, evm_law: wp.Kernel, **given: Any
-    ) -> list[wp.Launch]:
-        """A pass of each law over the listed bonds that follow it."""
+        self, facet_law: wp.Kernel, evm_law: wp.Kernel, near: bool = False, **given: Any
+    ) -> list[Launched]:
+        """A pass of each law over the listed bonds that follow it, or those of them that changed.
+
+        The latter are rows of the list, and bonds, in order.
+        """
         m = self.model
         if m.listed_bonds is None:
             return []
-        listed, passes = self.arrays["listed_bonds"], []
+        facets: int | Part = m.facet_listed
+        evm: int | Part = len(m.listed_bonds) - m.facet_listed
+        given = {"listed": self.arrays["listed_bonds"], "rows": None} | given
+        if near:
+            facets, evm = self._patch.facets, self._patch.evm
+        passes = []
         if m.facet_listed:
-            passes.append(self._bind(facet_law, m.facet_listed, listed=listed, **given))
-        if listed.size > m.facet_listed:
+            passes.append(self._bind(facet_law, facets, **given))
+        if len(m.listed_bonds) > m.facet_listed:
             numbers: dict[str, Any] = {"first": m.facet_listed, "first_evm": m.facet_bonds}
-            count = listed.size - m.facet_listed
-            passes.append(self._bind(evm_law, count, listed=listed, **numbers, **given))
+            passes.append(self._bind(evm_law, evm, **numbers, **given))
         return passes
 
-    def _unlink(self) -> list[wp.Launch]:
+    def _unlink(self) -> list[Launched]:
         (s, _), f, softens = self._space, self.model.features, self.model.softens
         return self._over_listed(
             facet_unlink(s, f.has_volume, f.has_bending, softens, self._simd),
             evm_unlink(s, f.has_volume, f.has_evm_dashpots, softens, self._simd),
+            near=True,
+            listed=self.arrays["patch_bonds"],
         )
 
-    def _closing_energies(self) -> list[wp.Launch]:
+    def _closing_energies(self, near: bool = False) -> list[Launched]:
         (s, k), m = self._space, self.model
         if m.listed_bonds is not None and "closing_energy" not in self.arrays:
             self.upload("closing_energy", np.zeros(len(m.listed_bonds)))
         return self._over_listed(
-            facet_closing_energies(s, k, m.features.faces, m.faces_rub, self._simd),
-            evm_closing_energies(s, k, m.features.faces.has_slip, self._simd),
+            facet_closing_energies(
+                s, k, m.features.faces, m.faces_rub, self._touch_law, near, self._simd
+            ),
+            evm_closing_energies(s, k, m.features.faces.has_slip, near, self._simd),
+            near=near,
+            rows=self.arrays["patch_rows"] if near else None,
         )
 
     def _move(
@@ -978,7 +1113,8 @@ class Step:
         elements: str | None = None,
         loads: dict[str, wp.array] | None = None,
         slots: int | None = None,
-    ) -> wp.Launch:
+        near: bool = False,
+    ) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features
         external = f.external if loads is None else NO_LOADS  # impulses come without them
         law = move(
@@ -990,20 +1126,24 @@ class Step:
             f.has_work,
             f.has_grips,
             drifts,
-            elements is not None,
+            elements is not None or near,
             self._simd,
         )
-        listed = None if elements is None else self.arrays[elements]
         numbers: dict[str, Any] = {
             "finish": finish,
             "start": start,
             "dt": self.dt,
             "elements": m.elements,
         }
+        numbers |= {"first": 0, **(loads or {})}
+        if near:
+            listed = self.arrays["patch_near_elements"]
+            return self._bind(law, self._patch.near_elements, listed=listed, **numbers)
+        listed = None if elements is None else self.arrays[elements]
         count = m.elements if listed is None else listed.size
-        return self._bind(law, count, listed=listed, first=0, **numbers, **(loads or {}))
+        return self._bind(law, count, listed=listed, **numbers)
 
-    def _stress(self, listed: str) -> wp.Launch:
+    def _stress(self, listed: str) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features
         if f.finite_strain:
             law = true_stress(s, k, f.faces, f.slots, f.plane, self._simd)
@@ -1015,51 +1155,51 @@ class Step:
         ids = self.arrays[listed]
         return self._bind(law, ids.size, listed=ids, elements=m.elements)
 
-    def _pair_energies(
-        self, listed: str | None = None, facets: int | None = None
-    ) -> list[wp.Launch]:
-        """Energies of all bonds, or of listed ones of which the first `facets` are facet bonds."""
-        (s, k), m = self._space, self.model
-        ids = None if listed is None else self.arrays[listed]
-        bonds = m.bonds if ids is None else ids.size
-        facets = m.facet_bonds if facets is None else facets
-        name = "linked_energy" if ids is None else "listed_linked_energy"
-        given = {"linked_energy": self.arrays[name], "listed": ids}
+    def _pair_energies(self, near: bool = False) -> list[Launched]:
+        """Energies of all bonds, or of those that changed."""
+        (s, k), m, f = self._space, self.model, self.model.features
+        facets: int | Part = m.facet_bonds
+        evm: int | Part = m.evm_bonds
+        given: dict[str, Any] = {"listed": None}
+        if near:
+            facets, evm = self._patch.facets, self._patch.evm
+            given["linked_energy"] = self.arrays["patch_linked_energy"]
+            given["listed"] = self.arrays["patch_bonds"]
+        has_facets, has_evm = self._laws(near)
         passes = []
-        if facets:
-            f = m.features
-            law = facet_energies(s, k, f.faces, f.has_bending, ids is not None, self._simd)
+        if has_facets:
+            law = facet_energies(s, k, f.faces, f.has_bending, near, self._simd)
             passes.append(self._bind(law, facets, **given))
             if f.branches:
-                law = branch_energies(s, f.branches, ids is not None, self._simd)
+                law = branch_energies(s, f.branches, near, self._simd)
                 passes.append(self._bind(law, facets, facets=m.facet_bonds, **given))
-        if bonds > facets:
-            f = m.features
-            law = evm_energies(
-                s, k, f.faces.has_slip, f.large_rotation, ids is not None, self._simd
-            )
-            numbers: dict[str, Any] = {"first": facets, "first_evm": m.facet_bonds}
-            passes.append(self._bind(law, bonds - facets, **numbers, **given))
+        if has_evm:
+            law = evm_energies(s, k, f.faces.has_slip, f.large_rotation, near, self._simd)
+            numbers: dict[str, Any] = {"first": m.facet_bonds, "first_evm": m.facet_bonds}
+            passes.append(self._bind(law, evm, **numbers, **given))
         return passes
 
-    def _integrator_energies(self, listed: str | None = None) -> wp.Launch:
+    def _laws(self, near: bool) -> tuple[bool, bool]:
+        """Whether there are facet bonds and EVM bonds; near: that are or may be unlinked."""
+        m = self.model
+        if not near or m.listed_bonds is None:
+            return m.facet_bonds > 0, m.evm_bonds > 0
+        return m.facet_listed > 0, len(m.listed_bonds) > m.facet_listed
+
+    def _integrator_energies(self, near: bool = False) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features
-        law = integrator_energies(
-            s, k, f.slots, f.external, f.has_moments, listed is not None, self._simd
-        )
-        prefix, ids = ("", None) if listed is None else ("near_", self.arrays[listed])
-        return self._bind(
-            law,
-            m.elements if ids is None else ids.size,
-            listed=ids,
-            integrator_energy=self.arrays[prefix + "integrator_energy"],
-            dt=self.dt,
-            elements=m.elements,
-        )
+        law = integrator_energies(s, k, f.slots, f.external, f.has_moments, near, self._simd)
+        given: dict[str, Any] = {"dt": self.dt, "elements": m.elements, "listed": None}
+        if not near:
+            return self._bind(law, m.elements, **given)
+        given["listed"] = self.arrays["patch_near_elements"]
+        given["integrator_energy"] = self.arrays["near_integrator_energy"]
+        return self._bind(law, self._patch.near_elements, **given)
 
     def _near_integrator_energy(self) -> float:
         self._near_integrator.launch()
-        return self._sum("near_integrator_energy")
+        energy = self.arrays["near_integrator_energy"].numpy()
+        return float(energy[: self._patch.near_elements.count].sum(dtype=np.float64))
 
     def _raised(self, name: str) -> bool:
         """Whether a pass raised a flag; lowers it."""
@@ -1100,11 +1240,11 @@ class Step:
             self._nothings[dtype] = wp.zeros(1, dtype=dtype, device=self.device)
         return self._nothings[dtype]
 
-    def _passes(self, launches: list[wp.Launch]) -> Passes:
+    def _passes(self, launches: list[Launched]) -> Passes:
         return Passes(list(launches), self.device, self._team)
 
-    def _bind(self, kernel, dim: int, **given: Any) -> wp.Launch:
-        """A recorded launch whose arguments are found by name.
+    def _bind(self, kernel, dim: int | Part, **given: Any) -> Launched:
+        """A recorded launch whose arguments are found by name; over a part, one that varies.
 
         Kernel argument, model or state array and exported field are one word.
         """
@@ -1114,7 +1254,9 @@ class Step:
             if name not in given and (name in self.arrays or name not in OPTIONAL):
                 value = self.arrays[name]
             inputs.append(self._nothing(parameter.annotation) if value is None else value)
-        return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
+        size = 1 if isinstance(dim, Part) else dim
+        launch = wp.launch(kernel, dim=size, inputs=inputs, device=self.device, record_cmd=True)
+        return Varying(launch, dim) if isinstance(dim, Part) else launch
 
 
 def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -20,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError, one_of
-from .experiments.described import Experiment, find
-from .experiments.shared import Say, silent
+from .experiments.described import Experiment, find, write_given
+from .experiments.shared import CHECKPOINT, Say, silent
 from .write.whole import folder, whole, write_json
 
+INTERRUPTED = (128 + signal.SIGINT, 128 + signal.SIGTERM)  # status of runs that saved their state
 POLL = 0.1  # s between looks at the runs
 PARENT = "WARPDEM_PARENT"  # in whose life alone a run goes on, an id of a process
 
@@ -65,10 +67,13 @@ class Run:
         """Note a status other than complete, which the run itself writes."""
         self.status = status
         self.record = {"experiment": experiment, "status": status, "parameters": self.given} | more
+        self.record["given"] = write_given(self.given)
         write_json(self.folder / "run.json", self.record)
 
     def command(self, experiment: Experiment, *more: str) -> list[str]:
-        """The command line of the run."""
+        """The command line of the run, which goes on from its checkpoint if there is one."""
+        if not more and (self.folder / CHECKPOINT).exists():
+            return [sys.executable, "-m", "warpdem", "resume", str(self.folder)]
         line = [sys.executable, "-m", "warpdem", "run", experiment.name]
         for name, value in self.given.items():
             option = name.replace("_", "-")
@@ -243,8 +248,9 @@ def _end(experiment: Experiment, run: Run, job: Job) -> None:
     run.read()
     if status == 0 and run.status == "complete":
         return
-    if status < 0:
-        run.write(experiment.name, "interrupted", error=f"ended by signal {-status}")
+    if status < 0 or status in INTERRUPTED:
+        number = -status if status < 0 else status - 128
+        run.write(experiment.name, "interrupted", error=f"ended by signal {number}")
         return
     log = run.folder / "log.txt"
     lines = [x for x in log.read_text(errors="replace").splitlines() if x.strip()]

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from .criteria import Tensile, equivalent_stress, with_tension
-from .errors import Array, InputError, one_of, positive
+from .errors import Array, InputError, checked, one_of, positive
 from .material import Material
 from .packing import Packing
 
 
+@checked
 @dataclass(frozen=True)
 class Toughness:
     """A criterion whose strength follows from the material's toughness and the size of elements.

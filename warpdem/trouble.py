@@ -90,7 +90,7 @@ class Troubles:
             message = self._sentence(kind, ids, size[bonds], step.count)
             if self._stops:
                 raise TroubledBondError(message)
-            warnings.warn(message, ModelWarning, stacklevel=4)
+            warnings.warn(message, ModelWarning, stacklevel=5)
 
     def _sentence(self, kind: str, ids: NDArray[np.int64], size: Array, step: int) -> str:
         m = self._model
@@ -158,7 +158,7 @@ class Slips:
         )
         if self._stops:
             raise TroubledBondError(message)
-        warnings.warn(message, ModelWarning, stacklevel=4)
+        warnings.warn(message, ModelWarning, stacklevel=5)
 
     def _shares(self, step: Step) -> Array:
         """Slip of every bond of the packings over its length, (b,)."""
@@ -279,5 +279,5 @@ class Distortion:
             warnings.warn(
                 f"at step {step.count} elements {first_ids(bad)} {what}.",
                 ModelWarning,
-                stacklevel=5,
+                stacklevel=6,
             )

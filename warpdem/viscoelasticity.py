@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import Array, InputError, finite, positive
+from .errors import Array, InputError, checked, finite, positive
 
 
 class Branches(ABC):
@@ -32,6 +32,7 @@ class Branches(ABC):
         return 1.0 - (g / (1.0 + x)).sum(axis=-1)
 
 
+@checked
 @dataclass(frozen=True)
 class Prony(Branches):
     """Branches of a spring and a dashpot in series, beside a spring: a Prony series.
@@ -64,6 +65,7 @@ class Prony(Branches):
         return np.array(self.shares), np.array(self.times)
 
 
+@checked
 @dataclass(frozen=True)
 class Maxwell(Branches):
     """A spring and a dashpot of viscosity G time in series, a fluid: G(t) = G exp(-t/time).
@@ -81,6 +83,7 @@ class Maxwell(Branches):
         return np.ones(1), np.array([self.time])
 
 
+@checked
 @dataclass(frozen=True)
 class StandardLinearSolid(Branches):
     """Zener's solid: G(t) = G (1 - share + share exp(-t/time)).
@@ -101,6 +104,7 @@ class StandardLinearSolid(Branches):
         return np.array([self.share]), np.array([self.time])
 
 
+@checked
 @dataclass(frozen=True)
 class KelvinVoigt:
     """A spring and a dashpot side by side: the deviator is 2 G (e + time de/dt).

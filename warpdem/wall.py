@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import Array, InputError, finite, first_ids, positive
+from .errors import Array, InputError, checked, finite, first_ids, positive
 from .friction import Friction
 
 Path = Callable[[float], Array]  # displacement (dim,) and turn (1,) or (3,) at a time [s]
@@ -15,6 +15,7 @@ Path = Callable[[float], Array]  # displacement (dim,) and turn (1,) or (3,) at 
 class Plane:
     """A plane through `point` [m]; elements are on the side its normal points to."""
 
+    @checked
     def __init__(self, point: ArrayLike, normal: ArrayLike) -> None:
         self.place = finite("point", point, (None,))
         self.normal = _direction("the wall's normal", normal, len(self.place))
@@ -26,6 +27,7 @@ class Sphere:
     hollow: elements are inside it.
     """
 
+    @checked
     def __init__(self, centre: ArrayLike, radius: float, hollow: bool = False) -> None:
         self.place = finite("centre", centre, (None,))
         self.radius, self.hollow = float(positive("radius", radius, ())), hollow
@@ -37,6 +39,7 @@ class Cylinder:
     length [m]: by default infinite; hollow: elements are inside an infinite one.
     """
 
+    @checked
     def __init__(
         self,
         centre: ArrayLike,
@@ -61,6 +64,7 @@ class Box:
     A box in another attitude starts turned: see `angle` of `Scene.wall`.
     """
 
+    @checked
     def __init__(self, centre: ArrayLike, size: ArrayLike, rounding: float = 0.0) -> None:
         self.place = finite("centre", centre, (None,))
         self.size = positive("size", finite("size", size, (len(self.place),)))
@@ -79,6 +83,7 @@ class Mesh:
     felt from its nearest triangle, at up to two radii of an element.
     """
 
+    @checked
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
         self.vertices = finite("vertices", vertices, (None, 3))
         given = np.asarray(faces)
@@ -160,6 +165,16 @@ class Wall:
             moved = moved + way * self.steering.direction
         turn = compose(turn, rotation(self.angle))
         return self.pivot + moved + rotated(turn, self.shape.place - self.pivot), turn
+
+    def motion(self, position: Array, time: float, dt: float, way: float = 0.0) -> Array:
+        """How far its material at these places [m], (n, dim), moves in a step [m], (n, dim).
+
+        way: as of `pose`; what a steered wall goes in the step is left out.
+        """
+        (before, turn), (after, turned) = (self.pose(t, way) for t in (time, time + dt))
+        back = np.append(-turn[:-1], turn[-1])
+        arm = np.asarray(position) - before
+        return after + rotated(turned, rotated(back, arm)) - before - arm
 
 
 def rotation(vector: Array) -> Array:

@@ -4,13 +4,16 @@ from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
 from .envelope import Envelope, strength_envelope
 from .heterogeneous import Heterogeneous, HeterogeneousResult, heterogeneous
+from .impact import Impact, ImpactResult, impact
 from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
 from .mode_ii import ModeII, ModeIIResult, mode_ii
 from .rock import Rock, RockResult
 from .shared import Result
+from .sliding_block import SlidingBlock, SlidingBlockResult, sliding_block
 from .specimen import Compression, Confined, Specimen, Tension, compression, confined, tension
+from .spring_slider import SpringSlider, SpringSliderResult, spring_slider
 
 __all__ = [
     "Branching",
@@ -21,6 +24,8 @@ __all__ = [
     "Envelope",
     "Heterogeneous",
     "HeterogeneousResult",
+    "Impact",
+    "ImpactResult",
     "Kalthoff",
     "KalthoffResult",
     "ModeI",
@@ -30,17 +35,24 @@ __all__ = [
     "Result",
     "Rock",
     "RockResult",
+    "SlidingBlock",
+    "SlidingBlockResult",
     "Specimen",
+    "SpringSlider",
+    "SpringSliderResult",
     "Tension",
     "branching",
     "brazilian",
     "compression",
     "confined",
     "heterogeneous",
+    "impact",
     "kalthoff",
     "material_strength",
     "mode_i",
     "mode_ii",
+    "sliding_block",
+    "spring_slider",
     "strength_envelope",
     "tension",
 ]

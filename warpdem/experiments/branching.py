@@ -12,7 +12,8 @@ from ..observe.growth import Branch
 from ..packing import Packing
 from ..scene import Body, Scene
 from ..toughness import Toughness
-from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, Options, free_crack
+from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
+from .shared import Options
 
 SIZE, NOTCH = (0.1, 0.04), 0.05  # m
 

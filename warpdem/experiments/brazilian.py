@@ -14,7 +14,8 @@ from ..packing import Packing
 from ..scene import Scene
 from ..write.whole import unit_of
 from .material_point import principal_strain
-from .rock import Options, Rig, Rock, RockResult, check_breaks, rock_test
+from .rock import Rig, Rock, RockResult, check_breaks, rock_test
+from .shared import Options
 
 GUARD_LAYERS = 3  # next to a jaw, whose pressure is no part of the test
 CORE = 0.2  # of the radius: where stress and strain are read

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields
 from functools import cached_property
+from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -110,6 +112,29 @@ def find(name: str) -> Experiment:
     """The experiment of a name; raises InputError if there is none."""
     one_of("experiment", name, EXPERIMENTS)
     return EXPERIMENTS[name]
+
+
+def write_given(given: dict[str, Any]) -> dict[str, str]:
+    """Parameters in words, as run.json keeps them for `read_given`."""
+    return {name: str(value) for name, value in given.items() if value is not None}
+
+
+def read_given(where: Path) -> tuple[str, dict[str, Any]]:
+    """Experiment and parameters of the run in a folder; raises InputError if it cannot go on."""
+    record = where / "run.json"
+    try:
+        told = json.loads(record.read_text())
+        name, words, status = told["experiment"], told.get("given"), told["status"]
+    except OSError as error:
+        raise InputError(f"cannot read {record}: {error.strerror}; give a run's folder.") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{record} is not as `warpdem run` writes it.") from None
+    if status == "complete":
+        raise InputError(f"the run in {where} is complete; its results are there.")
+    known = find(name).described
+    if not isinstance(words, dict) or not words.keys() <= known.keys():
+        raise InputError(f"{record} is not as this version of `warpdem run` writes it.")
+    return name, {k: d.read(words[k]) if k in words else d.default for k, d in known.items()}
 
 
 def _name(kind: type) -> str:

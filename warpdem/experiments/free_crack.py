@@ -8,12 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf, nan
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypedDict, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import packing
+from ..checkpoint import Checkpoint
 from ..errors import Array, InputError, one_of, positive
 from ..material import Material
 from ..observe import CrackTracker, Snapshot
@@ -22,7 +23,7 @@ from ..packing import Packing
 from ..scene import Body, Scene
 from ..simulation import Observer, Simulation
 from ..write.whole import folder, write_csv
-from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
+from .shared import UNITS, Result, Say, build, foreseen, run_numbers, silent, write_record
 
 PACKINGS = ("hexagonal", "voronoi")
 AXES = ("x", "y")
@@ -129,18 +130,6 @@ class FreeCrackResult(Result):
 CrackObservers = Callable[[Simulation, CrackTracker], list[Observer]]
 
 
-class Options(TypedDict, total=False):
-    """What every such experiment takes beside its parameters; see `free_crack`."""
-
-    device: str
-    precision: str
-    threads: int
-    out: str | Path | None
-    observers: CrackObservers | None
-    say: Say
-    frames: int
-
-
 R = TypeVar("R", bound="FreeCrackResult")
 Measure = Callable[[list[Branch], dict[str, Any], CrackTracker], dict[str, Any]]
 
@@ -157,24 +146,26 @@ def free_crack(
     observers: CrackObservers | None = None,
     say: Say = silent,
     frames: int = 24,
+    checkpoint: Checkpoint | None = None,
 ) -> R:
     """Run an experiment.
 
     kind: of its result; measure: its further numbers, from the branches of the crack at the notch,
     the numbers of all and the tracker. out: folder for the FILES; None writes nothing. observers:
     makes further observers of the run; say: is told what happens, line by line; frames: of the
-    USD scene; threads: of the CPU. Raises InputError for parameters that cannot be run.
+    USD scene; threads: of the CPU; checkpoint: of the run, which goes on from its file if there is
+    one. Raises InputError for parameters that cannot be run.
     """
     began = time.perf_counter()
     where = None if out is None else folder(out)
     say("building the packing")
     scene, body = p.build(p.fill())
     size = f"plate {p.size[0] * 1e3:g} x {p.size[1] * 1e3:g} mm, plane {p.plane}"
-    sim = build(scene, device, precision, say, size, threads=threads)
+    sim = build(scene, device, precision, say, size, threads=threads, checkpoint=checkpoint)
     crack = CrackTracker(every=20)
     picture = Snapshot(lambda s: s.time >= PICTURE * p.duration, stress=True)
     likely = round(p.duration / sim.dt)
-    say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s")
+    say(foreseen(sim, likely))
     sim.observe(crack)
     sim.observe(picture)
     if where is not None:

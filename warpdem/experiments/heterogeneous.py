@@ -15,7 +15,8 @@ from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
 from ..toughness import Toughness
-from .free_crack import Expected, FreeCrack, FreeCrackResult, Options, free_crack
+from .free_crack import Expected, FreeCrack, FreeCrackResult, free_crack
+from .shared import Options
 
 SIZE, NOTCH = (2e-3, 1.05e-3), 0.25e-3  # m
 GRIP_LAYERS, GUARD_LAYERS = 2, 2

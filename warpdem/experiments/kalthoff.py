@@ -13,7 +13,8 @@ from ..errors import positive
 from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
-from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, Options, free_crack
+from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
+from .shared import Options
 
 SIZE, NOTCH, HALF = 0.1, 0.05, 0.025  # m: half plate, notch, its distance from the middle
 RISE = 1e-6  # s, of the projectile's velocity (Borden et al. 2012)

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checkpoint import Checkpoint
 from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine, Tensile
 from ..errors import InputError, one_of, positive
 from ..observe import CrackTracker, Snapshot
@@ -143,12 +144,14 @@ def mode_i(
     observers: CrackObservers | None = None,
     say: Say = silent,
     frames: int = 24,
+    checkpoint: Checkpoint | None = None,
 ) -> ModeIResult:
     """Run a mode I crack and measure its speed.
 
     out: folder for crack.png, crack.usd, broken_bonds.csv and run.json; None writes nothing.
     observers: makes further observers of the run; say: is told what happens, line by line;
-    frames: of the USD scene. Raises InputError for parameters that cannot be run.
+    frames: of the USD scene; checkpoint: of the run, which goes on from its file if there is one.
+    Raises InputError for parameters that cannot be run.
     """
     began = time.perf_counter()
     p = parameters or ModeI()
@@ -169,7 +172,7 @@ def mode_i(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, threads=threads)
+    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
     rayleigh = p.material.rayleigh_speed("strain")
     window = p.length / 12.0
     # the last twelfth of the plate feels the free edge and is left out

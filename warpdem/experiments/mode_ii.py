@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checkpoint import Checkpoint
 from ..criteria import DruckerPrager, equivalent_stress
 from ..errors import Array, InputError, finite, one_of, positive
 from ..observe import CrackTracker, Snapshot
@@ -146,12 +147,14 @@ def mode_ii(
     observers: CrackObservers | None = None,
     say: Say = silent,
     frames: int = 24,
+    checkpoint: Checkpoint | None = None,
 ) -> ModeIIResult:
     """Run a mode II crack and measure its speed.
 
     out: folder for crack.png, crack.usd, CSV files and run.json; None writes nothing. observers:
     makes further observers of the run; say: is told what happens, line by line; frames: of the USD
-    scene. Raises InputError for parameters that cannot be run.
+    scene; checkpoint: of the run, which goes on from its file if there is one. Raises InputError
+    for parameters that cannot be run.
     """
     began = time.perf_counter()
     p = parameters or ModeII()
@@ -177,8 +180,8 @@ def mode_ii(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, threads=threads)
-    if p.start == "surface":
+    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
+    if p.start == "surface" and not sim.steps:
         say("bringing the sheared plate to rest")
         sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[precision])
     rayleigh = p.material.rayleigh_speed("strain")

@@ -9,25 +9,35 @@ from __future__ import annotations
 import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import asin, degrees, inf, isfinite, nan
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypedDict
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checkpoint import Checkpoint
 from ..criteria import Criterion, DruckerPrager
 from ..errors import Array, InputError, ModelWarning, finite, one_of, positive
 from ..material import Material
 from ..observe import FracturePlane, StressStrain, When, fracture_plane
 from ..packing import Mask, Packing
 from ..scene import Body, Scene
-from ..simulation import Observer, Simulation
+from ..simulation import Simulation
 from ..write.whole import folder, write_csv
 from .material_point import material_strength
-from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
+from .shared import (
+    UNITS,
+    Observers,
+    Result,
+    Say,
+    build,
+    foreseen,
+    run_numbers,
+    silent,
+    write_record,
+)
 
 PLANES = ("stress", "strain", "space")
 PACKINGS = ("voronoi", "hexagonal", "fcc")
@@ -175,9 +185,6 @@ class Rig:
         )
 
 
-Observers = Callable[[Simulation, Rig], list[Observer]]
-
-
 @dataclass
 class RockResult(Result):
     """What came out of a test. Stresses in Pa, positive in the direction of the load.
@@ -228,18 +235,6 @@ class RockResult(Result):
         return total
 
 
-class Options(TypedDict, total=False):
-    """What every test takes beside its parameters; see `rock_test`."""
-
-    device: str
-    precision: str
-    threads: int
-    out: str | Path | None
-    observers: Observers | None
-    say: Say
-    frames: int
-
-
 def rock_test(
     p: Rock,
     *,
@@ -250,13 +245,14 @@ def rock_test(
     observers: Observers | None = None,
     say: Say = silent,
     frames: int = 24,
+    checkpoint: Checkpoint | None = None,
 ) -> RockResult:
     """Make a test.
 
     out: folder for test.png, scene.usd, stress_strain.csv, broken_bonds.csv and run.json; None
     writes nothing. observers: makes further observers of the run; say: is told what happens, line
-    by line; frames: of the USD scene, about; threads: of the CPU. Raises InputError for parameters
-    that cannot be run.
+    by line; frames: of the USD scene, about; threads: of the CPU; checkpoint: of the run, which
+    goes on from its file if there is one. Raises InputError for parameters that cannot be run.
     """
     began = time.perf_counter()
     where = None if out is None else folder(out)
@@ -267,13 +263,15 @@ def rock_test(
     guard(rig.body, rig.low | rig.high, rig.guarded)
     if isfinite(p.weibull):
         rig.scene.scatter_strength(rig.body, p.weibull, p.seed)
-    sim = build(rig.scene, device, precision, say, rig.size, p.damping, threads)
+    sim = build(
+        rig.scene, device, precision, say, rig.size, p.damping, threads, checkpoint=checkpoint
+    )
     history = rig.history
     sim.observe(history)
     sim.observe(_Rolling())
     likely = round(rig.loading / sim.dt)
     say(
-        f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s; the criterion breaks at "
+        f"{foreseen(sim, likely)}; the criterion breaks at "
         f"{rig.strength / 1e6:.4g} MPa, reached at a strain rate of {rig.strain_rate:.3g} 1/s"
     )
     if where is not None:
@@ -360,6 +358,8 @@ class _Rolling:
 
 class _Film:
     """When the film has a frame: evenly while the load grows, and whenever bonds have broken."""
+
+    have_records = True  # which a checkpoint keeps
 
     def __init__(self, steps: int, bonds: int, frames: int) -> None:
         self.every, self.many = max(1, 2 * steps // frames), max(1, bonds // (8 * frames))

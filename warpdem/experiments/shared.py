@@ -6,17 +6,21 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict
 
 from .. import criteria
+from ..checkpoint import Checkpoint
 from ..criteria import Criterion
 from ..errors import InputError, one_of
 from ..scene import Scene
-from ..simulation import Simulation
+from ..simulation import Observer, Simulation, resume
 from ..write.record import describe_machine
 from ..write.whole import write_json
 
 Say = Callable[[str], None]
+CHECKPOINT = "checkpoint.npz"  # in the folder of a run, while it is not complete
+# makes further observers of a run, of the simulation and what the experiment measures
+Observers = Callable[[Simulation, Any], list[Observer]]
 # of the log of broken bonds
 UNITS = {
     "time": "s",
@@ -27,6 +31,19 @@ UNITS = {
     "shear_stress": "Pa",
     "released_energy": "J",
 }
+
+
+class Options(TypedDict, total=False):
+    """What experiments take beside their parameters; see `rock.rock_test`, `trial.run_trial`."""
+
+    device: str
+    precision: str
+    threads: int
+    out: str | Path | None
+    observers: Observers | None
+    say: Say
+    frames: int
+    checkpoint: Checkpoint | None
 
 
 def silent(line: str) -> None:
@@ -81,21 +98,45 @@ def build(
     size: str,
     local_damping: float = 0.0,
     threads: int = 1,
+    dt: float | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Simulation:
-    """The simulation of a scene; tells its size and its time step."""
+    """The simulation of a scene, which goes on from the checkpoint's file if there is one; tells
+    its size and its time step."""
     say("compiling kernels, once for each kind of scene; later runs take them from disk")
-    sim = Simulation(
-        scene, device=device, precision=precision, local_damping=local_damping, threads=threads
-    )
+    if checkpoint is not None and checkpoint.path.exists():
+        sim = resume(checkpoint.path, scene, device=device, threads=threads)
+    else:
+        sim = Simulation(scene, device, precision, dt, local_damping=local_damping, threads=threads)
+    if checkpoint is not None:
+        sim.observe(checkpoint)
     say(
         f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
         f"{sim.bytes / 1e6:.0f} MB; {size}"
     )
     say(
-        f"dt {sim.dt:.4g} s, 0.8 of the stability limit {sim.dt_limit:.4g} s found by iteration "
-        f"(rigorous bound {sim.dt_bound:.4g} s)"
+        f"dt {sim.dt:.4g} s, {sim.dt / sim.dt_limit:.2g} of the stability limit "
+        f"{sim.dt_limit:.4g} s found by iteration (rigorous bound {sim.dt_bound:.4g} s)"
     )
     return sim
+
+
+def foreseen(sim: Simulation, steps: int) -> str:
+    """How long a run of about so many steps will take, in words."""
+    if sim.steps:  # looking at the passes could change what is to go on to the bit
+        return f"going on at step {sim.steps} of about {steps}"
+    return f"about {steps} steps, {steps * sim.seconds_per_step():.0f} s"
+
+
+def start_record(
+    experiment: str, parameters: Any, precision: str, device: str
+) -> dict[str, object]:
+    """What of run.json is known before a run."""
+    given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
+    return {
+        "experiment": experiment,
+        "parameters": given | {"precision": precision, "device": device},
+    }
 
 
 def write_record(
@@ -104,11 +145,9 @@ def write_record(
     """run.json: all parameters, numbers, energies and versions; `began`: when, for the seconds."""
     sim = result.simulation
     result.seconds = time.perf_counter() - began
-    given = {f.name: _told(getattr(parameters, f.name)) for f in fields(parameters)}
     record = {
-        "experiment": experiment,
         "status": "complete",
-        "parameters": given | {"precision": sim.precision, "device": str(sim.device)},
+        **start_record(experiment, parameters, sim.precision, str(sim.device)),
         **result.numbers(),
         "energy": sim.energy(),
         "machine": describe_machine(),

@@ -13,7 +13,8 @@ from ..packing import Mask, Packing
 from ..scene import Body, Scene
 from ..write.whole import unit_of
 from .material_point import principal_strain, side_factors
-from .rock import Options, Rig, Rock, RockResult, check_breaks, rock_test
+from .rock import Rig, Rock, RockResult, check_breaks, rock_test
+from .shared import Options
 
 SHAPES = ("box", "cylinder")
 JACKETS = ("pressure", "servo")

@@ -11,7 +11,7 @@ from ..material import Material
 from ..observe import CrackTracker, Snapshot
 from ..packing import Packing
 from ..simulation import Observer, Simulation
-from .shared import Say
+from .shared import Say, foreseen
 
 PACKINGS = ("hexagonal", "voronoi")
 RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
@@ -72,7 +72,7 @@ def follow(
     tip = start + 0.6 * (end - start)
     picture = Snapshot(lambda _: crack.tip >= tip)
     likely = round((end - start) / (speed * sim.dt))
-    say(f"about {likely} steps, {likely * sim.seconds_per_step():.0f} s{note}")
+    say(foreseen(sim, likely) + note)
     sim.observe(crack)
     sim.observe(picture)
     if where is not None:

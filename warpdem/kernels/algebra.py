@@ -24,6 +24,7 @@ def space(dim: int, real: type) -> Laws:
     """Algebra of the plane (dim 2) or of space (dim 3) over `real`."""
     laws = _plane(real) if dim == 2 else _solid(real)
     vec3, rot = laws.vec3, laws.rot
+    tiny = real(1.0e-30)
     # ratios of the series' neighbouring terms, from the seventh to the first
     seven = wp.types.vector(7, real)
     sinc_ratio = seven(*(1.0 / (2 * n * (2 * n + 1)) for n in range(7, 0, -1)))
@@ -69,11 +70,17 @@ def space(dim: int, real: type) -> Laws:
         laws.store_spin(end_torque, at_j, tj)
 
     @wp.func
+    def unit(v: laws.vec) -> laws.vec:
+        """Direction of v, 0 of a vanishing one. The branch of `wp.normalize` leaves pairs of
+        float32 in one register, which keeps the loop around it from being vectorised."""
+        return v / wp.max(wp.length(v), tiny)
+
+    @wp.func
     def split(v: vec3, n: vec3) -> vec3:
         """Part of v across the unit vector n."""
         return v - wp.dot(v, n) * n
 
-    return Laws(**vars(laws), rotate_by=rotate_by, store_ends=store_ends, split=split)
+    return Laws(**vars(laws), rotate_by=rotate_by, store_ends=store_ends, unit=unit, split=split)
 
 
 @cache
@@ -93,7 +100,7 @@ def narrow(s: Laws, k: Laws):
 
         @wp.func
         def cast_plane(v: k.vec) -> vec:
-            return vec(real(v[0]), real(v[1]))
+            return s.vec_of(real(v[0]), real(v[1]))
 
         return cast_plane
 
@@ -124,17 +131,23 @@ def _plane(real: type) -> Laws:
     vec3 = wp.types.vector(3, real)
     mat3 = wp.types.matrix((3, 3), real)
     spin = real
+    made = f"return wp::vec_t<2, wp::{real.__name__}>(x, y);"
+
+    # constructed in Warp's code a vector of two float32 is copied as one integer of eight bytes,
+    # which keeps the loop around it from being vectorised
+    @wp.func_native(made)
+    def vec_of(x: real, y: real) -> vec: ...
 
     @wp.func
     def turn(q: rot, c: vec) -> vec:
         """(Q - 1) c without cancellation."""
         k = real(2.0) * q[0]
-        return vec(-k * (q[0] * c[0] + q[1] * c[1]), k * (q[1] * c[0] - q[0] * c[1]))
+        return vec_of(-k * (q[0] * c[0] + q[1] * c[1]), k * (q[1] * c[0] - q[0] * c[1]))
 
     @wp.func
     def turn_back(q: rot, c: vec) -> vec:
         """(Q^T - 1) c."""
-        return turn(rot(-q[0], q[1]), c)
+        return turn(vec_of(-q[0], q[1]), c)
 
     @wp.func
     def no_spin() -> spin:
@@ -147,12 +160,12 @@ def _plane(real: type) -> Laws:
     @wp.func
     def rotate(w: spin, b: vec) -> vec:
         """w x b."""
-        return vec(-w * b[1], w * b[0])
+        return vec_of(-w * b[1], w * b[0])
 
     @wp.func
     def relative(qi: rot, qj: rot) -> rot:
         """Rotation from i to j in the world frame, q_j conj(q_i)."""
-        return rot(qj[0] * qi[1] - qj[1] * qi[0], qj[1] * qi[1] + qj[0] * qi[0])
+        return vec_of(qj[0] * qi[1] - qj[1] * qi[0], qj[1] * qi[1] + qj[0] * qi[0])
 
     @wp.func
     def axial(q: rot) -> spin:
@@ -174,7 +187,7 @@ def _plane(real: type) -> Laws:
     @wp.func
     def turned(q: rot, p: spin, less: real) -> rot:
         """(p, 1 + less) q; a Newton step keeps the length at 1 without a root or a division."""
-        d = rot(p * q[1] + less * q[0], less * q[1] - p * q[0])
+        d = vec_of(p * q[1] + less * q[0], less * q[1] - p * q[0])
         excess = (wp.dot(q, q) - real(1.0)) + (real(2.0) * wp.dot(q, d) + wp.dot(d, d))
         return q + (d - real(0.5) * excess * q)
 
@@ -184,7 +197,7 @@ def _plane(real: type) -> Laws:
 
     @wp.func
     def load(a: wp.array(dtype=real), i: int) -> vec:
-        return vec(a[nn(2 * i)], a[nn(2 * i + 1)])
+        return vec_of(a[nn(2 * i)], a[nn(2 * i + 1)])
 
     @wp.func
     def store(a: wp.array(dtype=real), i: int, v: vec):
@@ -201,7 +214,7 @@ def _plane(real: type) -> Laws:
 
     @wp.func
     def load_rot(a: wp.array(dtype=real), i: int) -> rot:
-        return rot(a[nn(2 * i)], a[nn(2 * i + 1)])
+        return vec_of(a[nn(2 * i)], a[nn(2 * i + 1)])
 
     @wp.func
     def store_rot(a: wp.array(dtype=real), i: int, q: rot):
@@ -230,6 +243,7 @@ def _plane(real: type) -> Laws:
         spin=spin,
         vec3=vec3,
         mat3=mat3,
+        vec_of=vec_of,
         turn=turn,
         turn_back=turn_back,
         no_spin=no_spin,

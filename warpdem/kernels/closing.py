@@ -14,6 +14,8 @@ from .algebra import Laws
 from .memory import nn
 
 UNKNOWN = 1.0e30  # gap of a pair that was not unlinked before, or whose state was overwritten
+TURNED = 2.0e30  # of one whose faces have turned away from each other
+PARTED = 3.0e30  # of one that is any pair from now on
 
 
 @cache
@@ -77,6 +79,18 @@ def closing(s: Laws) -> Laws:
         return (wp.where(speed < real(0.0), -after, after) - speed) / yield_both
 
     @wp.func
+    def owes(
+        t: int,
+        b: int,
+        bond_place: wp.array(dtype=int),
+        closing_debt: wp.array(dtype=real),
+        closing_impulse: wp.array(dtype=real),
+    ) -> bool:
+        """Whether pair t, bond b, has a debt, or an impulse that is not yet booked."""
+        last = s.load(closing_impulse, nn(bond_place[nn(2 * b)]))
+        return closing_debt[t] != real(0.0) or wp.dot(last, last) != real(0.0)
+
+    @wp.func
     def settle(
         t: int,
         b: int,
@@ -117,4 +131,6 @@ def closing(s: Laws) -> Laws:
         twist_j = size * s.cross(arm_j, n)
         s.store_ends(bond_place, closing_impulse, closing_twist, b, -size * n, twist_i, twist_j)
 
-    return Laws(energy=energy, pull=pull, left_over=left_over, impulse=impulse, settle=settle)
+    return Laws(
+        energy=energy, pull=pull, left_over=left_over, impulse=impulse, owes=owes, settle=settle
+    )

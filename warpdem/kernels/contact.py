@@ -16,6 +16,7 @@ from .algebra import Laws, narrow
 from .closing import closing
 from .friction import friction as friction_law
 from .memory import kernel, nn
+from .weld import HOLDS, weld
 
 
 @cache
@@ -136,8 +137,39 @@ def pressing(s: Laws, is_hertz: bool) -> Laws:
 
 
 @cache
-def pair(s: Laws, k: Laws, is_hertz: bool = False) -> Laws:
+def box(k: Laws, is_periodic: bool) -> Laws:
+    """How a strained periodic box moves the image that an element touches.
+
+    The columns of its array are how far its edges have moved [m]; a pair's image counts edges.
+    """
+    place = k.real
+
+    if not is_periodic:
+
+        @wp.func
+        def no_shift(e: int, contact_image: wp.array(dtype=int), box: wp.array(dtype=place)):
+            """Nothing has images."""
+            return k.vec()
+
+        return Laws(load_shift=no_shift)
+
+    @wp.func
+    def load_shift(e: int, contact_image: wp.array(dtype=int), box: wp.array(dtype=place)):
+        """Of the image of the neighbour of entry e [m], from element to neighbour."""
+        x = k.vec()
+        for row in range(wp.static(k.dim)):
+            for column in range(wp.static(k.dim)):
+                edges = place(contact_image[nn(wp.static(k.dim) * e + column)])
+                x[row] += box[nn(wp.static(k.dim) * row + column)] * edges
+        return x
+
+    return Laws(load_shift=load_shift)
+
+
+@cache
+def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) -> Laws:
     """Geometry and stiffness of a listed pair, in the order of its ids whichever side asks."""
+    sides = box(k, is_periodic)
     real, place, narrowed, law = s.real, k.real, narrow(s, k), contact(s)
     unit = k.vec(*[1.0 if axis == 0 else 0.0 for axis in range(k.dim)])
 
@@ -147,13 +179,31 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False) -> Laws:
         i: int,
         j: int,
         contact_reference: wp.array(dtype=place),
+        contact_image: wp.array(dtype=int),
+        contact_box: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
     ) -> k.vec:
         """From the lower id to the higher [m]."""
         x = k.load(contact_reference, nn(e))
+        if wp.static(is_periodic):
+            x += sides.load_shift(e, contact_image, contact_box)
         if i > j:
             x = -x
         return x + (k.load(displacement, nn(wp.max(i, j))) - k.load(displacement, nn(wp.min(i, j))))
+
+    @wp.func
+    def load_box_motion(
+        e: int,
+        i: int,
+        j: int,
+        contact_image: wp.array(dtype=int),
+        contact_box: wp.array(dtype=place),
+        contact_box_before: wp.array(dtype=place),
+    ) -> k.vec:
+        """How far the box moves in a step what the pair touches of the higher id [m]."""
+        x = sides.load_shift(e, contact_image, contact_box)
+        x -= sides.load_shift(e, contact_image, contact_box_before)
+        return wp.where(i > j, -x, x)
 
     @wp.func
     def normal(d: k.vec):
@@ -198,6 +248,7 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False) -> Laws:
 
     return Laws(
         load_distance=load_distance,
+        load_box_motion=load_box_motion,
         normal=normal,
         load_stiffness=load_stiffness,
         load_normal_stiffness=load_normal_stiffness,
@@ -214,13 +265,19 @@ def contact_forces(
     ages: bool,
     has_restitution: bool,
     is_hertz: bool = False,
+    is_periodic: bool = False,
+    welds: bool = False,
+    has_walls: bool = False,
 ):
     """Pass over elements that may touch: force and torque of all their contacts, into one slot.
 
-    ages: some friction has a state, that of rate and state.
+    ages: some friction has a state, that of rate and state. welds: pairs that are pressed weld.
+    has_walls: walls add to the slot. It is cleared when the list is built, so that without walls
+    rows that list nothing need no work.
     """
-    real, place, geometry, law = s.real, k.real, pair(s, k, is_hertz), contact(s, ages)
-    spring_law = pressing(s, is_hertz)
+    real, place, law = s.real, k.real, contact(s, ages)
+    geometry = pair(s, k, is_hertz, is_periodic)
+    spring_law = weld(s, pressing(s, is_hertz))
     narrowed, widened = geometry.narrowed, geometry.widened
 
     def contact_forces(
@@ -229,12 +286,15 @@ def contact_forces(
         contact_start: wp.array(dtype=int),
         contact_neighbour: wp.array(dtype=int),
         contact_reference: wp.array(dtype=place),
+        contact_image: wp.array(dtype=int),
         contact_radius: wp.array(dtype=place),
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
+        contact_box: wp.array(dtype=place),
+        contact_box_before: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
         velocity: wp.array(dtype=real),
         angular_velocity: wp.array(dtype=real),
@@ -246,13 +306,30 @@ def contact_forces(
         slip_energy: wp.array(dtype=wp.float64),
         any_touched: wp.array(dtype=int),
         contact_moment: wp.array(dtype=real),
+        contact_box_work: wp.array(dtype=wp.float64),
+        contact_welded: wp.array(dtype=int),
+        contact_pressed: wp.array(dtype=real),
+        contact_worked: wp.array(dtype=real),
+        weld_event: wp.array(dtype=int),
+        weld_normal: wp.array(dtype=real),
+        weld_shear: wp.array(dtype=real),
+        weld_released: wp.array(dtype=real),
+        weld_energy: wp.array(dtype=wp.float64),
+        any_welded: wp.array(dtype=int),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
+        weld_pressure: real,
+        weld_time: real,
+        weld_work: real,
+        weld_strength: real,
         friction: real,
         dt: place,
         first_place: int,
     ):
         t = wp.tid()
+        lists_nothing = contact_start[t] == contact_start[t + 1]
+        if wp.static(not has_walls) and lists_nothing:
+            return
         i = contact_elements[t]
         force = s.vec()
         torque = s.no_spin()
@@ -261,15 +338,26 @@ def contact_forces(
             j = contact_neighbour[e]
             a = wp.min(i, j)
             b = wp.max(i, j)
-            d = geometry.load_distance(e, i, j, contact_reference, displacement)
+            d = geometry.load_distance(
+                e, i, j, contact_reference, contact_image, contact_box, displacement
+            )
             reach = contact_radius[a] + contact_radius[b]
             va = s.load(velocity, a)
             vb = s.load(velocity, b)
             motion = dt * (widened(vb) - widened(va))
+            by_box = k.vec()
+            if wp.static(is_periodic):
+                by_box = geometry.load_box_motion(
+                    e, i, j, contact_image, contact_box, contact_box_before
+                )
+                motion += by_box
             d_before = d - motion
             near = wp.dot(d, d) < reach * reach
             was_near = wp.dot(d_before, d_before) < reach * reach
-            if near or was_near:
+            was_welded = bool(False)  # noqa: UP018
+            if wp.static(welds):
+                was_welded = contact_welded[e] != 0
+            if near or was_near or was_welded:
                 n_now, r = geometry.normal(d)
                 n_then, r_before = geometry.normal(d_before)
                 gap = real(r - reach)
@@ -279,16 +367,8 @@ def contact_forces(
                 stiffness = geometry.load_normal_stiffness(
                     a, b, contact_radius, contact_width, contact_compliance
                 )
-                pull = spring_law.pull(stiffness, gap, real(0.0))
-                was = spring_law.pull(stiffness, before, real(0.0))
-                f = pull * n
-                owed = spring_law.energy(stiffness, gap) - spring_law.energy(stiffness, before)
-                owed -= real(0.5) * wp.dot(pull * n + was * nb, narrowed(motion))
-                contact_debt[e] = contact_debt[e] + owed
-                if (gap < real(0.0)) != (before < real(0.0)):
-                    any_touched[0] = 1
-                    if wp.static(has_restitution) and gap >= real(0.0):
-                        contact_opened[e] = 1
+                welded = was_welded
+                pull = spring_law.pull(stiffness, gap, welded)
                 # the points that touch lie where the spheres' surfaces would, by their radii
                 share = real(contact_radius[a] / reach)
                 arm_a = share * real(r)
@@ -296,6 +376,10 @@ def contact_forces(
                 arm = arm_b
                 if i == a:
                     arm = arm_a
+                shear = real(0.0)
+                spring = s.vec()
+                spring_before = s.vec()
+                taken = real(0.0)
                 if wp.static(has_friction):
                     shear = geometry.load_stiffness(
                         a, b, contact_radius, contact_width, contact_shear
@@ -305,16 +389,72 @@ def contact_forces(
                     theta = wp.float64(0.0)
                     if wp.static(ages):
                         theta = contact_theta[e]
-                    spring, theta, taken = law.rub(
-                        s.load(contact_spring, e), nb, n, arm_a, arm_b, narrowed(motion), wa, wb,
-                        shear, pull, friction, 0, friction_numbers, theta, real(dt),
-                    )  # fmt: skip
+                    spring_before = s.load(contact_spring, e)
+                    if wp.static(welds):
+                        spring, theta, taken = law.rub(
+                            spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb, shear,
+                            real(-1.0), real(HOLDS), 0, friction_numbers, theta, real(dt),
+                        )  # fmt: skip
+                        area = stiffness * (contact_compliance[a] + contact_compliance[b])
+                        if was_welded and dt > place(0.0):
+                            welded = not spring_law.breaks(
+                                pull, shear * spring, area, weld_strength
+                            )
+                    if not welded:
+                        pull = spring_law.pull(stiffness, gap, welded)
+                        spring, theta, taken = law.rub(
+                            spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb, shear,
+                            pull, friction, 0, friction_numbers, theta, real(dt),
+                        )  # fmt: skip
                     if wp.static(ages):
                         contact_theta[e] = theta
                     s.store(contact_spring, e, spring)
+                was = spring_law.pull(stiffness, before, was_welded)
+                f = pull * n
+                both = f + was * nb
+                owed = spring_law.energy(stiffness, gap, welded)
+                owed -= spring_law.energy(stiffness, before, was_welded)
+                owed -= real(0.5) * wp.dot(both, narrowed(motion))
+                if wp.static(welds):
+                    if was_welded and not welded:  # what both springs held goes
+                        released = taken - owed
+                        weld_energy[t] = weld_energy[t] + wp.float64(0.5) * wp.float64(released)
+                        weld_event[e] = -1
+                        weld_normal[e] = was / area
+                        weld_shear[e] = shear * wp.length(spring_before) / area
+                        weld_released[e] = released
+                        any_welded[0] = 1
+                        contact_welded[e] = 0
+                        owed = real(0.0)
+                        taken = real(0.0)
+                    elif not was_welded and dt > place(0.0):
+                        is_pressed = gap < real(0.0) and -pull >= weld_pressure * area
+                        time = wp.where(is_pressed, contact_pressed[e] + real(dt), real(0.0))
+                        worked = wp.where(is_pressed, contact_worked[e] + taken / area, real(0.0))
+                        if is_pressed and time >= weld_time and worked >= weld_work:
+                            contact_welded[e] = 1
+                            weld_event[e] = 1
+                            weld_normal[e] = pull / area
+                            weld_shear[e] = shear * wp.length(spring) / area
+                            weld_released[e] = real(0.0)
+                            any_welded[0] = 1
+                            time = real(0.0)
+                            worked = real(0.0)
+                        contact_pressed[e] = time
+                        contact_worked[e] = worked
+                contact_debt[e] = contact_debt[e] + owed
+                if not was_welded and (gap < real(0.0)) != (before < real(0.0)):
+                    any_touched[0] = 1
+                    if wp.static(has_restitution) and gap >= real(0.0):
+                        contact_opened[e] = 1
+                if wp.static(has_friction):
                     f += shear * spring
+                    both += shear * (spring_before + spring)
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(taken)
                     torque += arm * s.cross(n, shear * spring)
+                if wp.static(is_periodic):
+                    done = real(0.25) * wp.dot(both, narrowed(by_box))
+                    contact_box_work[t] = contact_box_work[t] + wp.float64(done)
                 moment += arm * wp.outer(s.embed(n), s.embed(f))
                 if i == a:
                     force += f
@@ -328,10 +468,17 @@ def contact_forces(
 
 
 @cache
-def contact_energies(s: Laws, k: Laws, has_friction: bool, is_hertz: bool = False):
+def contact_energies(
+    s: Laws,
+    k: Laws,
+    has_friction: bool,
+    is_hertz: bool = False,
+    is_periodic: bool = False,
+    welds: bool = False,
+):
     """Per element that may touch: half the energy of its pairs [J]."""
-    real, place, geometry = s.real, k.real, pair(s, k, is_hertz)
-    spring_law = pressing(s, is_hertz)
+    real, place, geometry = s.real, k.real, pair(s, k, is_hertz, is_periodic)
+    spring_law = weld(s, pressing(s, is_hertz))
 
     def contact_energies(
         # model
@@ -339,13 +486,16 @@ def contact_energies(s: Laws, k: Laws, has_friction: bool, is_hertz: bool = Fals
         contact_start: wp.array(dtype=int),
         contact_neighbour: wp.array(dtype=int),
         contact_reference: wp.array(dtype=place),
+        contact_image: wp.array(dtype=int),
         contact_radius: wp.array(dtype=place),
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
         # state read
+        contact_box: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
         contact_spring: wp.array(dtype=real),
+        contact_welded: wp.array(dtype=int),
         # written
         contact_energy: wp.array(dtype=real),
     ):
@@ -354,14 +504,19 @@ def contact_energies(s: Laws, k: Laws, has_friction: bool, is_hertz: bool = Fals
         energy = real(0.0)
         for e in range(contact_start[t], contact_start[t + 1]):
             j = contact_neighbour[e]
-            d = geometry.load_distance(e, i, j, contact_reference, displacement)
+            d = geometry.load_distance(
+                e, i, j, contact_reference, contact_image, contact_box, displacement
+            )
             _n, r = geometry.normal(d)
             gap = real(r - (contact_radius[wp.min(i, j)] + contact_radius[wp.max(i, j)]))
-            if gap < real(0.0):
+            welded = bool(False)  # noqa: UP018
+            if wp.static(welds):
+                welded = contact_welded[e] != 0
+            if gap < real(0.0) or welded:
                 stiffness = geometry.load_normal_stiffness(
                     i, j, contact_radius, contact_width, contact_compliance
                 )
-                energy += real(0.5) * spring_law.energy(stiffness, gap)
+                energy += real(0.5) * spring_law.energy(stiffness, gap, welded)
                 if wp.static(has_friction):
                     shear = geometry.load_stiffness(
                         i, j, contact_radius, contact_width, contact_shear
@@ -403,12 +558,13 @@ def opening(s: Laws, has_restitution: bool) -> Laws:
 
 
 @cache
-def contact_settle(s: Laws, k: Laws, has_restitution: bool):
+def contact_settle(s: Laws, k: Laws, has_restitution: bool, is_periodic: bool = False):
     """Pass over elements that may touch: what their pairs owe is paid by impulses along n.
 
     Where a pair has opened, restitution takes the share 1 - e^2 of what its motion apart has.
     """
-    real, place, geometry, spring_law = s.real, k.real, pair(s, k), closing(s)
+    real, place, spring_law = s.real, k.real, closing(s)
+    geometry = pair(s, k, is_periodic=is_periodic)
     narrowed, ends = geometry.narrowed, opening(s, has_restitution)
 
     def contact_settle(
@@ -417,8 +573,11 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool):
         contact_start: wp.array(dtype=int),
         contact_neighbour: wp.array(dtype=int),
         contact_reference: wp.array(dtype=place),
+        contact_image: wp.array(dtype=int),
         inverse_mass: wp.array(dtype=real),
         # state read
+        contact_box: wp.array(dtype=place),
+        contact_box_after: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
         velocity: wp.array(dtype=real),
         # written
@@ -426,9 +585,11 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool):
         contact_impulse: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
         restitution_energy: wp.array(dtype=wp.float64),
+        contact_box_work: wp.array(dtype=wp.float64),
         settling_impulse: wp.array(dtype=real),
         restitution: real,
         share: real,
+        dt: place,
     ):
         t = wp.tid()
         i = contact_elements[t]
@@ -441,10 +602,24 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool):
                 j = contact_neighbour[e]
                 a = wp.min(i, j)
                 b = wp.max(i, j)
-                d = geometry.load_distance(e, i, j, contact_reference, displacement)
+                d = geometry.load_distance(
+                    e, i, j, contact_reference, contact_image, contact_box, displacement
+                )
                 n_now, _r = geometry.normal(d)
                 n = narrowed(n_now)
                 speed = wp.dot(n, s.load(velocity, b) - s.load(velocity, a))
+                by_box = real(0.0)
+                if wp.static(is_periodic):
+                    by_box = real(
+                        wp.dot(
+                            n_now,
+                            geometry.load_box_motion(
+                                e, i, j, contact_image, contact_box_after, contact_box
+                            ),
+                        )
+                        / dt
+                    )
+                    speed += by_box
                 yield_both = wp.dot(n, wp.cw_mul(s.load(inverse_mass, a), n))
                 yield_both += wp.dot(n, wp.cw_mul(s.load(inverse_mass, b), n))
                 debt += real(0.5) * last * speed
@@ -459,6 +634,9 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool):
                     size = share * spring_law.impulse(debt, speed, yield_both)
                 contact_debt[e] = debt + real(0.5) * size * speed
                 contact_impulse[e] = size
+                if wp.static(is_periodic):
+                    done = -real(0.5) * size * by_box
+                    contact_box_work[t] = contact_box_work[t] + wp.float64(done)
                 if i == a:
                     total -= size * n
                 else:

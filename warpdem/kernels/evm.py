@@ -79,6 +79,38 @@ def angles(s: Laws) -> Laws:
 
 
 @cache
+def beam_loads(s: Laws):
+    """What a bond carries as a beam between its ends."""
+    real, vec, spin = s.real, s.vec, s.spin
+
+    if s.dim == 2:
+
+        @wp.func
+        def moments(torque: spin, axis: vec):
+            """Bending and twisting moment of a torque."""
+            return wp.abs(torque), real(0.0)
+    else:
+
+        @wp.func
+        def moments(torque: spin, axis: vec):
+            """Bending and twisting moment of a torque."""
+            twist = wp.dot(torque, axis)
+            return wp.length(torque - twist * axis), wp.abs(twist)
+
+    @wp.func
+    def loads(force: vec, ti: spin, tj: spin, axis: vec):
+        """Force along [N], tension positive, and across, the greater bending and the greater
+        twisting moment of both ends [N m]; ti, tj: torques about the ends."""
+        along = wp.dot(force, axis)
+        bend_i, twist_i = moments(ti, axis)
+        bend_j, twist_j = moments(tj, axis)
+        across = wp.length(force - along * axis)
+        return along, across, wp.max(bend_i, bend_j), wp.max(twist_i, twist_j)
+
+    return loads
+
+
+@cache
 def evm(s: Laws, large_rotation: bool = False) -> Laws:
     """Laws of the EVM bond: linked, and unlinked where it only resists closing.
 
@@ -267,11 +299,15 @@ def evm_forces(
     faces: Faces,
     has_volume: bool,
     large_rotation: bool,
+    has_beams: bool,
     is_listed: bool,
     simd: bool = True,
 ):
-    """Pass over EVM bonds: force on i and the torques on both elements."""
-    law, real = evm(s, large_rotation), s.real
+    """Pass over EVM bonds: force on i and the torques on both elements.
+
+    has_beams: some bonds break by what they carry as beams, which is kept as well.
+    """
+    law, real, beam = evm(s, large_rotation), s.real, beam_loads(s)
     kinematics = evm_kinematics(s, k, faces.has_slip)
     geometry, many = face(s, k, faces), volume(s)
 
@@ -297,6 +333,7 @@ def evm_forces(
         # written
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
+        beam_load: wp.array(dtype=real),
         first: int,
         first_evm: int,
     ):
@@ -317,12 +354,9 @@ def evm_forces(
             displacement,
             orientation,
         )
-        f, ti, tj = law.force(
-            law.load_stiffness(evm_stiffness, c),
-            real(evm_offset[nn(2 * c)]),
-            real(evm_offset[nn(2 * c + 1)]),
-            x,
-        )
+        ri = real(evm_offset[nn(2 * c)])
+        rj = real(evm_offset[nn(2 * c + 1)])
+        f, ti, tj = law.force(law.load_stiffness(evm_stiffness, c), ri, rj, x)
         if wp.static(has_volume):
             delta, ci, cj = geometry.load_opening(
                 b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
@@ -334,6 +368,14 @@ def evm_forces(
             ti += s.cross(ci, fi + fj) + s.cross(delta, fi)
             tj += s.cross(delta, fj) - s.cross(cj, fi + fj)
         s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
+        if wp.static(has_beams):
+            ti -= ri * s.cross(x.p, f)
+            tj -= rj * s.cross(x.m, f)
+            along, across, bending, twisting = beam(f, ti, tj, s.unit(x.p + x.m))
+            beam_load[nn(4 * c)] = along
+            beam_load[nn(4 * c + 1)] = across
+            beam_load[nn(4 * c + 2)] = bending
+            beam_load[nn(4 * c + 3)] = twisting
 
     return kernel(evm_forces, simd)
 
@@ -405,7 +447,7 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool):
 
 
 @cache
-def evm_settle(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
+def evm_settle(s: Laws, k: Laws, has_slip: bool):
     """Pass over listed EVM bonds: pay what their closing or opening left over."""
     kinematics, contact, real = evm_kinematics(s, k, has_slip), closing(s), s.real
 
@@ -437,6 +479,8 @@ def evm_settle(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
     ):
         t = wp.tid() + first
         b = nn(listed[t])
+        if not contact.owes(t, b, bond_place, closing_debt, closing_impulse):
+            return
         c = nn(b - first_evm)
         x = kinematics.load_flowed(
             b,
@@ -470,7 +514,8 @@ def evm_settle(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
             share,
         )
 
-    return kernel(evm_settle, simd)
+    # plain code, as `evm_closing`: few owe anything
+    return kernel(evm_settle, simd=False)
 
 
 @cache
@@ -523,12 +568,16 @@ def evm_energies(
 
 
 @cache
-def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
-    """Per listed EVM bond: the energy it holds, or would hold, unlinked [J]."""
+def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, has_rows: bool, simd: bool = True):
+    """Per listed EVM bond: the energy it holds, or would hold, unlinked [J].
+
+    has_rows: of those in `rows` of the list alone.
+    """
     kinematics, law, real = evm_kinematics(s, k, has_slip), evm(s), s.real
 
     def evm_closing_energies(
         # model
+        rows: wp.array(dtype=int),
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
@@ -546,7 +595,9 @@ def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, simd: bool = True):
         first: int,
         first_evm: int,
     ):
-        t = wp.tid() + first
+        t = nn(wp.tid() + first)
+        if wp.static(has_rows):
+            t = nn(rows[t])
         b = nn(listed[t])
         x = kinematics.load_flowed(
             b,

@@ -142,7 +142,7 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
 
         It is not the centre line: m S n must sum to m V 1 with the carried arms (theory B6).
         """
-        n0 = wp.normalize(load_arm(bond_arm, nn(2 * b)) - load_arm(bond_arm, nn(2 * b + 1)))
+        n0 = k.unit(load_arm(bond_arm, nn(2 * b)) - load_arm(bond_arm, nn(2 * b + 1)))
         qi = k.load_rot(orientation, nn(bond_i[b]))
         qj = k.load_rot(orientation, nn(bond_j[b]))
         return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))

@@ -9,11 +9,16 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow
-from .closing import UNKNOWN, closing
+from .closing import TURNED, UNKNOWN, closing
+from .contact import pair, pressing
 from .face import Faces, face
 from .friction import friction as friction_law
 from .memory import kernel, nn
 from .volume import volume
+
+# cosines of the turn of two faces against each other up to which they resist closing wholly, and
+# from which on they do not at all (30 and 75 degrees)
+MEET, MISS = 0.8660254, 0.2588190
 
 
 @cache
@@ -52,15 +57,30 @@ def facet(s: Laws) -> Laws:
         return wp.dot(delta, wp.normalize(p + m))
 
     @wp.func
-    def closing_force(pull: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec):
-        """Force on i and torques of a pull along n, the turning of n included."""
+    def meeting(p: vec, m: vec):
+        """Share of two faces that meet, in c = p.m, and its derivative: 1 until they have turned
+        away from each other, then falling smoothly to 0."""
+        x = (wp.dot(p, m) - real(MISS)) / real(wp.static(MEET - MISS))
+        x = wp.clamp(x, real(0.0), real(1.0))
+        slope = real(wp.static(6.0 / (MEET - MISS))) * x * (real(1.0) - x)
+        return x * x * (real(3.0) - real(2.0) * x), slope
+
+    @wp.func
+    def closing_force(
+        pull: real, held: real, slope: real, delta: vec, ci: vec, cj: vec, p: vec, m: vec
+    ):
+        """Force on i and torques of a pull along n, the turning of n included.
+
+        held: energy of faces that meet wholly [J], slope: of the share that does.
+        """
         n = wp.normalize(p + m)
-        # of elements that have turned over against each other there is no normal
+        # of elements that have turned over against each other there is no normal, and no pull
         both = wp.max(wp.length(p + m), real(1.0e-6))
         slip = (delta - wp.dot(delta, n) * n) / both
         f = pull * n
-        ti = s.cross(ci, f) - pull * s.cross(p, slip)
-        tj = -s.cross(cj, f) - pull * s.cross(m, slip)
+        away = (held * slope) * s.cross(p, m)
+        ti = s.cross(ci, f) - pull * s.cross(p, slip) - away
+        tj = -s.cross(cj, f) - pull * s.cross(m, slip) + away
         return f, ti, tj
 
     @wp.func
@@ -77,6 +97,7 @@ def facet(s: Laws) -> Laws:
         bending_torque=bending_torque,
         force=force,
         gap=gap,
+        meeting=meeting,
         closing_force=closing_force,
     )
 
@@ -157,13 +178,46 @@ def facet_forces(
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
+def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
+    """What two elements whose faces turn away from each other become: spheres, or nothing where
+    elements do not touch. touch: by which law they do, or None."""
+    real = s.real
+    geometry, law = pair(s, k, touch == "hertz"), pressing(s, touch == "hertz")
+
+    @wp.func
+    def load_sphere(
+        i: int,
+        j: int,
+        d: s.vec,
+        contact_radius: wp.array(dtype=k.real),
+        contact_width: wp.array(dtype=real),
+        contact_compliance: wp.array(dtype=real),
+    ):
+        """Force on i of both as spheres [N], d = x_j - x_i, and their energy [J]."""
+        force = s.vec()
+        held = real(0.0)
+        if wp.static(touch is not None):
+            r = wp.length(d)
+            gap = r - real(contact_radius[i] + contact_radius[j])
+            stiffness = geometry.load_normal_stiffness(
+                wp.min(i, j), wp.max(i, j), contact_radius, contact_width, contact_compliance
+            )
+            held = law.energy(stiffness, gap)
+            force = law.pull(stiffness, gap, real(0.0)) * wp.normalize(d)
+        return force, held
+
+    return Laws(load_sphere=load_sphere)
+
+
+@cache
+def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch: str | None):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
     rubs: closed ones also resist sliding, by a spring along the face that friction holds; how far
     its anchor has slipped is kept in the frame of the first element. ages: as in
-    `contact.contact_forces`.
+    `contact.contact_forces`; touch: as in `turning`.
     """
+    turned_law = turning(s, k, touch)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
     widened, narrowed, holding = narrow(k, s), narrow(s, k), friction_law(s, True)
 
@@ -177,6 +231,9 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
+        contact_radius: wp.array(dtype=k.real),
+        contact_width: wp.array(dtype=real),
+        contact_compliance: wp.array(dtype=real),
         # state read
         bond_slip: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
@@ -188,6 +245,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
         closing_gap: wp.array(dtype=real),
         closing_debt: wp.array(dtype=real),
         any_crossed: wp.array(dtype=int),
+        any_moved: wp.array(dtype=int),
         closing_shear: wp.array(dtype=real),
         closing_slip: wp.array(dtype=k.real),
         closing_spring: wp.array(dtype=real),
@@ -205,8 +263,20 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
             )
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             gap = law.gap(delta, p, m)
-            pull = contact.pull(closing_stiffness[t], gap, slack)
-            f, ti, tj = law.closing_force(pull, delta, ci, cj, p, m)
+            meets, slope = law.meeting(p, m)
+            stiffness = meets * closing_stiffness[t]
+            held = contact.energy(closing_stiffness[t], gap)
+            pull = contact.pull(stiffness, gap, slack)
+            aside = s.vec()
+            if meets < real(1.0) and closing_stiffness[t] != real(0.0):
+                push, other = turned_law.load_sphere(
+                    bond_i[b], bond_j[b], ci + delta - cj,
+                    contact_radius, contact_width, contact_compliance,
+                )  # fmt: skip
+                aside = (real(1.0) - meets) * push
+                held -= other
+            f, ti, tj = law.closing_force(pull, held, slope, delta, ci, cj, p, m)
+            f += aside
             if wp.static(rubs):
                 qi = k.load_rot(orientation, nn(bond_i[b]))
                 slip = k.load(closing_slip, t)
@@ -220,11 +290,11 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
                 spring = law.rub(trial, n, limit)
                 whole = law.rub(trial, n, real(1.0e30))
                 if wp.static(ages):
-                    held, theta = holding.held(
+                    aged, theta = holding.held(
                         whole, pull, shear, friction, 0, friction_numbers, closing_theta[t], dt
                     )
                     closing_theta[t] = theta
-                    spring = wp.where(closing_gap[t] >= real(UNKNOWN), s.vec(), held)
+                    spring = wp.where(closing_gap[t] >= real(UNKNOWN), s.vec(), aged)
                 taken = real(0.5) * shear * wp.dot(before + spring, whole - spring)
                 if closing_gap[t] >= real(UNKNOWN):
                     taken = real(0.0)
@@ -234,10 +304,15 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
                 s.store(closing_spring, t, spring)
                 hold = shear * spring
                 f += hold
-                ti += s.cross(ci + real(0.5) * delta, hold)
-                tj -= s.cross(cj - real(0.5) * delta, hold)
+                # at the facet point of j: by the motion there in the frame of i, that of the
+                # anchor, the spring grows
+                ti += s.cross(ci + delta, hold)
+                tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
-            owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
+            owed = contact.left_over(stiffness, closing_gap[t], gap)
+            if meets == real(0.0) and closing_stiffness[t] != real(0.0):
+                gap = real(TURNED)
+                any_moved[0] = 1  # where there is a list, the pair belongs to it now
             closing_gap[t] = gap
             if owed != real(0.0):
                 closing_debt[t] = closing_debt[t] + owed
@@ -248,7 +323,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool):
 
 
 @cache
-def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
+def facet_settle(s: Laws, k: Laws, faces: Faces):
     """Pass over listed facet bonds: pay what their closing or opening left over."""
     geometry, contact, real = face(s, k, faces), closing(s), s.real
 
@@ -276,6 +351,8 @@ def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
     ):
         t = wp.tid()
         b = nn(listed[t])
+        if not contact.owes(t, b, bond_place, closing_debt, closing_impulse):
+            return
         delta, ci, cj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
@@ -299,7 +376,8 @@ def facet_settle(s: Laws, k: Laws, faces: Faces, simd: bool = True):
             share,
         )
 
-    return kernel(facet_settle, simd)
+    # plain code, as `facet_closing`: few owe anything
+    return kernel(facet_settle, simd=False)
 
 
 @cache
@@ -345,12 +423,25 @@ def facet_energies(
 
 
 @cache
-def facet_closing_energies(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: bool = True):
-    """Per listed facet bond: the energy it holds, or would hold, unlinked [J]."""
+def facet_closing_energies(
+    s: Laws,
+    k: Laws,
+    faces: Faces,
+    rubs: bool,
+    touch: str | None,
+    has_rows: bool,
+    simd: bool = True,
+):
+    """Per listed facet bond: the energy it holds, or would hold, unlinked [J].
+
+    has_rows: of those in `rows` of the list alone.
+    """
+    turned_law = turning(s, k, touch)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
 
     def facet_closing_energies(
         # model
+        rows: wp.array(dtype=int),
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
@@ -358,6 +449,9 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: boo
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
         closing_shear: wp.array(dtype=real),
+        contact_radius: wp.array(dtype=k.real),
+        contact_width: wp.array(dtype=real),
+        contact_compliance: wp.array(dtype=real),
         # state read
         bond_slip: wp.array(dtype=k.real),
         closing_spring: wp.array(dtype=real),
@@ -366,13 +460,22 @@ def facet_closing_energies(s: Laws, k: Laws, faces: Faces, rubs: bool, simd: boo
         # written
         closing_energy: wp.array(dtype=real),
     ):
-        t = wp.tid()
+        t = nn(wp.tid())
+        if wp.static(has_rows):
+            t = nn(rows[t])
         b = nn(listed[t])
-        delta, _ci, _cj = geometry.load_anchors(
+        delta, ci, cj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-        energy = contact.energy(closing_stiffness[t], law.gap(delta, p, m))
+        meets, _slope = law.meeting(p, m)
+        energy = meets * contact.energy(closing_stiffness[t], law.gap(delta, p, m))
+        if meets < real(1.0) and closing_stiffness[t] != real(0.0):
+            _push, other = turned_law.load_sphere(
+                bond_i[b], bond_j[b], ci + delta - cj,
+                contact_radius, contact_width, contact_compliance,
+            )  # fmt: skip
+            energy += (real(1.0) - meets) * other
         if wp.static(rubs):
             energy += law.energy(closing_shear[t], s.load(closing_spring, t))
         closing_energy[t] = energy

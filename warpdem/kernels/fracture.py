@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from .algebra import Laws, narrow
+from .algebra import Laws
 from .face import Faces, face
 from .memory import kernel, nn
 
@@ -44,8 +44,22 @@ def pair_tensor(s: Laws) -> Laws:
         dev = t - mean_stress(t) * wp.identity(n=3, dtype=real)
         return wp.sqrt(real(1.5) * wp.ddot(dev, dev))
 
+    if s.dim == 2:
+
+        @wp.func
+        def principal(t: mat3):
+            """Greatest and least principal stress; in the plane zz is one of the three."""
+            mean = real(0.5) * (t[0, 0] + t[1, 1])
+            half = real(0.5) * (t[0, 0] - t[1, 1])
+            radius = wp.sqrt(half * half + t[0, 1] * t[0, 1])
+            return wp.max(mean + radius, t[2, 2]), wp.min(mean - radius, t[2, 2])
+
+        return Laws(
+            tensor=tensor, mean_stress=mean_stress, von_mises=von_mises, principal=principal
+        )
+
     @wp.func
-    def principal(t: mat3):
+    def principal_of_three(t: mat3):
         """Greatest and least principal stress.
 
         The angle of the deviator's invariants comes from the discriminant as a sum of squares
@@ -75,7 +89,12 @@ def pair_tensor(s: Laws) -> Laws:
         size = wp.sqrt(two_thirds * square)
         return m + size * wp.cos(angle), m + size * wp.cos(angle + third_turn)
 
-    return Laws(tensor=tensor, mean_stress=mean_stress, von_mises=von_mises, principal=principal)
+    return Laws(
+        tensor=tensor,
+        mean_stress=mean_stress,
+        von_mises=von_mises,
+        principal=principal_of_three,
+    )
 
 
 class Test(NamedTuple):
@@ -210,11 +229,12 @@ def exceeding(s: Laws, test: Test):
 
 
 @cache
-def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, simd: bool = True):
+def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool, simd: bool = True):
     """Pass over listed bonds: those whose equivalent stress exceeds their strength unlink.
 
     The greatest ratio of both is kept. Where bonds soften, what they carry counts as if they were
     whole, and `bond_keep` says which share of its stiffness a bond keeps in this step.
+    is_contiguous: these bonds follow each other from `first_bond` on.
     """
     geometry, law, real = face(s, k, faces), pair_tensor(s), s.real
     rule, four = exceeding(s, test), criterion_numbers(s)
@@ -243,22 +263,28 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, simd: bool = True):
         break_damage: wp.array(dtype=real),
         break_normal: wp.array(dtype=real),
         break_shear: wp.array(dtype=real),
-        any_broken: wp.array(dtype=int),
-        numbers: four,
+        any_broken: wp.array(dtype=real),
+        number_1: real,
+        number_2: real,
+        number_3: real,
+        number_4: real,
         time: real,
         exponent: real,
         dt: real,
         first: int,
+        first_bond: int,
     ):
-        l = wp.tid() + first
+        l = nn(wp.tid() + first)
         b = nn(listed[l])
+        if wp.static(is_contiguous):
+            b = nn(wp.tid() + first_bond)
         linked = bond_linked[b]
         if linked == real(0.0):
             return
         i = nn(bond_i[b])
         j = nn(bond_j[b])
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-        n = s.embed(wp.normalize(p + m))
+        n = s.embed(s.unit(p + m))
         traction = s.embed(s.load(end_force, nn(bond_place[nn(2 * b)]))) / bond_area[b]
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
         wi, wj = geometry.load_weights(b, bond_arm)
@@ -269,6 +295,8 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, simd: bool = True):
             whole = traction
             if wp.static(test.softens):
                 whole = traction / linked
+            # a vector as an argument would stay one, and keep the loop from being vectorised
+            numbers = four(number_1, number_2, number_3, number_4)
             ratio = equivalent(law.tensor(mean, whole, n), n, numbers) / bond_strength[l]
         ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if wp.static(test.softens):
@@ -280,111 +308,70 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, simd: bool = True):
                     break_shear[l] = wp.length(s.split(traction, n))
                 bond_keep[b] = kept / linked
                 bond_linked[b] = kept
-                any_broken[0] = 1
+                any_broken[0] = real(1.0)
         else:
             if ratio > real(1.0):
                 bond_linked[b] = real(0.0)
                 break_normal[l] = wp.dot(traction, n)
                 break_shear[l] = wp.length(s.split(traction, n))
-                any_broken[0] = 1
+                any_broken[0] = real(1.0)
 
     return kernel(break_bonds, simd)
 
 
 @cache
-def beam_stress(s: Laws) -> Laws:
-    """Greatest stresses of a beam from what acts at its ends (Potyondy and Cundall 2004)."""
-    real, vec, spin, four = s.real, s.vec, s.spin, criterion_numbers(s)
-
-    if s.dim == 2:
-
-        @wp.func
-        def moments(torque: spin, axis: vec):
-            """Bending and twisting moment of a torque."""
-            return wp.abs(torque), real(0.0)
-    else:
-
-        @wp.func
-        def moments(torque: spin, axis: vec):
-            """Bending and twisting moment of a torque."""
-            twist = wp.dot(torque, axis)
-            return wp.length(torque - twist * axis), wp.abs(twist)
-
-    @wp.func
-    def stresses(force: vec, ti: spin, tj: spin, axis: vec, x: four):
-        """F_n/S + |M_b|/W and |F_s|/S + |M_t|/W_t; x: 1/S, 1/W, 1/W_t."""
-        along = wp.dot(force, axis)
-        bend_i, twist_i = moments(ti, axis)
-        bend_j, twist_j = moments(tj, axis)
-        normal = along * x[0] + wp.max(bend_i, bend_j) * x[1]
-        shear = wp.length(force - along * axis) * x[0] + wp.max(twist_i, twist_j) * x[2]
-        return normal, shear
-
-    return Laws(stresses=stresses)
-
-
-@cache
-def break_beams(s: Laws, k: Laws, test: Test, simd: bool = True):
-    """Pass over listed EVM bonds: those whose stresses as beams exceed their strength unlink."""
-    law, real, rule, four = beam_stress(s), s.real, exceeding(s, test), criterion_numbers(s)
-    narrowed = narrow(s, k)
+def break_beams(s: Laws, test: Test, is_contiguous: bool, simd: bool = True):
+    """Pass over listed EVM bonds: those whose stresses as beams exceed their strength unlink
+    (Potyondy and Cundall 2004). What they carry is known from their forces; is_contiguous: see
+    `break_bonds`."""
+    real, rule, four = s.real, exceeding(s, test), criterion_numbers(s)
 
     def break_beams(
         # model
         listed: wp.array(dtype=int),
-        bond_i: wp.array(dtype=int),
-        bond_j: wp.array(dtype=int),
-        bond_place: wp.array(dtype=int),
-        evm_direction: wp.array(dtype=k.real),
-        evm_offset: wp.array(dtype=k.real),
         bond_strength: wp.array(dtype=real),
         # state read
-        orientation: wp.array(dtype=k.real),
-        end_force: wp.array(dtype=real),
-        end_torque: wp.array(dtype=real),
+        beam_load: wp.array(dtype=real),
         # written
         bond_linked: wp.array(dtype=real),
         criterion_ratio: wp.array(dtype=real),
         break_damage: wp.array(dtype=real),
         break_normal: wp.array(dtype=real),
         break_shear: wp.array(dtype=real),
-        any_broken: wp.array(dtype=int),
+        any_broken: wp.array(dtype=real),
         numbers: four,
         time: real,
         exponent: real,
         dt: real,
         first: int,
+        first_bond: int,
         first_evm: int,
     ):
-        l = wp.tid() + first
+        l = nn(wp.tid() + first)
         b = nn(listed[l])
+        if wp.static(is_contiguous):
+            b = nn(wp.tid() + first_bond)
         if bond_linked[b] == real(0.0):
             return
         c = nn(b - first_evm)
-        e0 = k.load(evm_direction, c)
-        p = narrowed(e0 + k.turn(k.load_rot(orientation, nn(bond_i[b])), e0))
-        m = narrowed(e0 + k.turn(k.load_rot(orientation, nn(bond_j[b])), e0))
-        at_i = nn(bond_place[nn(2 * b)])
-        at_j = nn(bond_place[nn(2 * b + 1)])
-        force = s.load(end_force, at_i)
-        # from the centres to the ends of the bond
-        ti = s.load_spin(end_torque, at_i) - real(evm_offset[nn(2 * c)]) * s.cross(p, force)
-        tj = s.load_spin(end_torque, at_j) - real(evm_offset[nn(2 * c + 1)]) * s.cross(m, force)
-        normal, shear = law.stresses(force, ti, tj, wp.normalize(p + m), numbers)
+        # F_n/S + |M_b|/W and |F_s|/S + |M_t|/W_t; numbers: 1/S, 1/W, 1/W_t
+        normal = beam_load[nn(4 * c)] * numbers[0] + beam_load[nn(4 * c + 2)] * numbers[1]
+        shear = beam_load[nn(4 * c + 1)] * numbers[0] + beam_load[nn(4 * c + 3)] * numbers[2]
         ratio = wp.max(normal, shear * numbers[3]) / bond_strength[l]
         ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if ratio > real(1.0):
             bond_linked[b] = real(0.0)
             break_normal[l] = normal
             break_shear[l] = shear
-            any_broken[0] = 1
+            any_broken[0] = real(1.0)
 
     return kernel(break_beams, simd)
 
 
 @cache
 def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
-    """Pass over listed bonds: stamp those broken just now with the step and the energy released.
+    """Pass over bonds that broke just now, rows of the listed ones: stamp them with the step and
+    the energy released.
 
     Bonds that soften release some in every step in which they do.
     """
@@ -392,6 +379,7 @@ def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
 
     def log_breaks(
         # model
+        rows: wp.array(dtype=int),
         listed: wp.array(dtype=int),
         bond_i: wp.array(dtype=int),
         bond_j: wp.array(dtype=int),
@@ -406,18 +394,18 @@ def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
         break_energy: wp.array(dtype=real),
         step: int,
     ):
-        l = wp.tid()
+        t = wp.tid()
+        l = rows[t]
         b = listed[l]
-        lost = wp.where(bond_linked[b] == real(0.0), real(1.0), real(0.0))
+        lost = real(1.0)
         if wp.static(softens):
             lost = real(1.0) - bond_keep[b]
-        if lost > real(0.0) and break_step[b] == -1:
-            released = lost * linked_energy[l]
-            if bond_linked[b] == real(0.0):
-                released -= closing_energy[l]
-                break_step[b] = step
-            if wp.static(has_volume):
-                released += element_release[bond_i[b]] + element_release[bond_j[b]]
-            break_energy[l] = break_energy[l] + released
+        released = lost * linked_energy[t]
+        if bond_linked[b] == real(0.0):
+            released -= closing_energy[l]
+            break_step[b] = step
+        if wp.static(has_volume):
+            released += element_release[bond_i[b]] + element_release[bond_j[b]]
+        break_energy[l] = break_energy[l] + released
 
     return kernel(log_breaks, simd)

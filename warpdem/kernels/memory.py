@@ -11,6 +11,8 @@ from functools import cache
 
 import warp as wp
 
+from ..cache import sealed
+
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no line for every kernel loaded
 
 
@@ -24,17 +26,25 @@ wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no line for ev
 def nn(i: int) -> int: ...  # an index known not to be negative: turns gathers into plain loads
 
 
-CHUNK = 64  # indices: whole vectors of any width, and whole cache lines
+# indices that a vector loop runs over at a time, and threads take several of: compilers may run the
+# last ones of a loop as plain code, whose last bits differ, so loops end where they always do
+CHUNK = 2048
 _LOOP = "    for (size_t task_index = 0; task_index < dim->size; ++task_index)"
 # shape and size of a launch over one dimension agree; in a thread's share of it they do not
 _PATCH = """    size_t task_first = 0;
 #ifdef WARPDEM
     if ({launch_ndim} == 1 && dim->shape[0] > dim->size) task_first = dim->shape[0] - dim->size;
 #endif
+    const size_t task_end = dim->size;
 #ifdef WARPDEM_SIMD
+    for (size_t chunk = task_first; chunk < task_end; chunk += WARPDEM_SIMD)
     _Pragma("clang loop vectorize(assume_safety) interleave(disable)")
-#endif
-    for (size_t task_index = task_first; task_index < dim->size; ++task_index)"""
+    for (size_t task_index = chunk;
+         task_index < (chunk + WARPDEM_SIMD < task_end ? chunk + WARPDEM_SIMD : task_end);
+         ++task_index)
+#else
+    for (size_t task_index = task_first; task_index < task_end; ++task_index)
+#endif"""
 
 
 @cache
@@ -44,7 +54,9 @@ def is_patched() -> bool:
     Warp runs a CPU kernel as one scalar loop. Two changes to its code template, active only in
     kernels compiled with the flags below, let the loop begin at a thread's share, and state that
     iterations are independent. That holds for kernels that write at their own index, into their own
-    bond's slots, or one constant into a flag; one with an atomic would silently lose updates.
+    bond's slots, or one constant into a flag; one with an atomic would silently lose updates. What
+    such a loop writes should be of real numbers, flags too: integers written could be the numbers
+    that it counts by, for all the compiler knows, and it then loads and stores them all anew.
     """
     import warp._src.codegen as codegen
 
@@ -62,7 +74,7 @@ def compiler_flags(simd: bool) -> str | None:
     flags = (wp.config.cpu_compiler_flags or "") + " -DWARPDEM=1"
     if simd:
         flags += " -ffp-contract=fast -fno-signed-zeros -mprefer-vector-width=512"
-        flags += " -Wno-pass-failed -DWARPDEM_SIMD=1"
+        flags += f" -Wno-pass-failed -DWARPDEM_SIMD={CHUNK}"
     return flags
 
 
@@ -112,12 +124,14 @@ def wait(
 ): ...
 
 
+@sealed
 @wp.kernel(module="unique", enable_backward=False)
 def rendezvous(counters: wp.array(dtype=wp.uint64), threads: wp.uint64, give_way: wp.uint64):
     """Returns when as many threads have called it."""
     meet(counters, threads, give_way)
 
 
+@sealed
 @wp.kernel(module="unique", enable_backward=False)
 def wait_for(
     counters: wp.array(dtype=wp.uint64), begun: wp.uint64, patience: int, give_way: wp.uint64
@@ -130,4 +144,5 @@ def kernel(function, simd: bool = True):
     """A kernel of its own module; `simd` vectorises it if this Warp allows it."""
     flags = compiler_flags(simd)
     options = {} if flags is None else {"cpu_compiler_flags": flags}
-    return wp.kernel(function, module="unique", enable_backward=False, module_options=options)
+    made = wp.kernel(function, module="unique", enable_backward=False, module_options=options)
+    return sealed(made)

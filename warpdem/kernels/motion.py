@@ -391,15 +391,17 @@ def move(
             # the speed of the drift before this half kick, or, to unmake one, of that after it
             v_finish = wp.where(finish < real(0.0), v, v_before)
             w_finish = wp.where(finish < real(0.0), w, w_before)
-            done = finish * power(
+            finished = finish * power(
                 i, v_finish, w_finish, f, t, outer_f, outer_t, inverse_mass, inverse_inertia
             )
+            done = start * power(i, v, w, f, t, outer_f, outer_t, inverse_mass, inverse_inertia)
             if wp.static(drifts and has_grips):
                 done += accelerated(
                     i, v, v_free, w, w_free, mass, inertia, inverse_mass, inverse_inertia
                 )
-            done += start * power(i, v, w, f, t, outer_f, outer_t, inverse_mass, inverse_inertia)
-            element_work[i] = element_work[i] + wp.float64(done)
+            # one after the other, as the kicks
+            work = element_work[i] + wp.float64(finished)
+            element_work[i] = work + wp.float64(done)
         if wp.static(drifts):
             k.store(displacement, i, k.load(displacement, i) + dt * widened(v))
             if wp.static(has_moments):

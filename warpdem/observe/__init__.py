@@ -4,6 +4,7 @@ from .crack import CrackTracker
 from .fracture_plane import FracturePlane, fracture_plane
 from .fragment import FragmentTracker, fragments, piece_of
 from .probe import PlaneProbe, Probe
+from .series import Series
 from .snapshot import Snapshot
 from .stress_strain import StressStrain
 from .when import When
@@ -14,6 +15,7 @@ __all__ = [
     "FragmentTracker",
     "PlaneProbe",
     "Probe",
+    "Series",
     "Snapshot",
     "StressStrain",
     "When",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, finite
+from ..errors import Array, InputError, checked, finite
 from .growth import Branch, find_branches, front_speeds, released_energy_rate, window_speeds
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ class CrackTracker:
     Speeds are robust (Theil-Sen) fits to break times over places, not polls of the tip.
     """
 
+    @checked
     def __init__(
         self,
         every: int = 20,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Array, InputError
+from ..errors import Array, InputError, checked
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -69,6 +69,7 @@ class FragmentTracker:
     kinetic_energy [J]; and `pieces`, the last look's `fragments`.
     """
 
+    @checked
     def __init__(self, every: int = 100) -> None:
         if every < 1:
             raise InputError(f"every is {every}; look every 1 or more steps.")

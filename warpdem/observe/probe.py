@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, finite, first_ids, one_of
+from ..errors import Array, InputError, checked, finite, first_ids, one_of
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -29,6 +29,7 @@ class Probe:
     Raises InputError for points outside the bodies.
     """
 
+    @checked
     def __init__(
         self,
         points: ArrayLike,
@@ -79,6 +80,7 @@ class PlaneProbe:
     [s] (t,), force [N] (t, dim), moment about the point [N m] (t, 3).
     """
 
+    @checked
     def __init__(self, point: ArrayLike, normal: ArrayLike, every: int = 10) -> None:
         self.point, n = finite("point", point, (None,)), finite("normal", normal, (None,))
         if not np.linalg.norm(n) > 0.0 or n.shape != self.point.shape:

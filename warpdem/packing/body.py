@@ -4,13 +4,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Array, InputError
+from ..errors import Array, InputError, library
 from .packing import SIDES, Mask
 from .shapes import Box, Outline, Shape, Surface, enclosed, place
 from .tessellation import Cells, Faces, Ids, Tessellation, dot
@@ -150,7 +149,7 @@ class Plane(Body):
     """A plane body with an outline of straight edges."""
 
     def __init__(self, outline: Outline) -> None:
-        self.shapely = shapely = library("shapely")
+        self.shapely = shapely = library("shapely", "geometry")
         self.polygon = shapely.Polygon(outline.rings[0], outline.rings[1:])
         if not shapely.is_valid(self.polygon):
             raise InputError(
@@ -261,7 +260,7 @@ class Solid(Body):
     """A body of space in a closed triangle mesh."""
 
     def __init__(self, surface: Surface, step: float) -> None:
-        self.manifold = library("manifold3d")
+        self.manifold = library("manifold3d", "geometry")
         self.surface = surface
         self.low, self.high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
         self.volume = enclosed(surface.vertices, surface.triangles)
@@ -411,18 +410,6 @@ class Solid(Body):
         if mesh.status() != m.Error.NoError:
             raise InputError(f"the mesh is not closed and manifold: {mesh.status()}; repair it.")
         return mesh, number
-
-
-def library(name: str) -> ModuleType:
-    """A library of the extra `geometry`."""
-    from importlib import import_module
-
-    try:
-        return import_module(name)
-    except ImportError:
-        raise InputError(
-            f'cells of this shape need {name}; install it with pip install "warpdem[geometry]".'
-        ) from None
 
 
 def _spacing(body: Body, count: int) -> float:

@@ -1,15 +1,16 @@
 """Lattices in boxes."""
 
 from collections.abc import Mapping, Sequence
-from math import sqrt
+from math import prod, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, one_of
+from ..errors import InputError, checked, one_of, whole
 from .packing import SIDES, Mask, Packing, check_box
 
 
+@checked
 def hexagonal(
     size: Sequence[float],
     spacing: float,
@@ -49,6 +50,7 @@ def hexagonal(
     )
 
 
+@checked
 def square(
     size: Sequence[float],
     spacing: float,
@@ -75,6 +77,7 @@ def square(
     )
 
 
+@checked
 def simple_cubic(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Cubic cells in a box from (0, 0, 0). Facet bonds leave it with gear modes (theory B8).
 
@@ -93,6 +96,7 @@ def simple_cubic(size: Sequence[float], spacing: float, neighbours: int = 1) -> 
     )
 
 
+@checked
 def bcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Body-centred cubic packing, eight neighbours, in a box from (0, 0, 0).
 
@@ -116,6 +120,7 @@ def bcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     )
 
 
+@checked
 def fcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
     """Face-centred cubic packing, cube edges along the axes, in a box from (0, 0, 0).
 
@@ -194,3 +199,4 @@ def _sides(sites: NDArray[np.int64], layers: int = 1) -> dict[str, Mask]:
 def _filled(*counts: int) -> None:
     if min(counts) < 1:
         raise InputError("the box holds no element; enlarge size or reduce spacing.")
+    whole("the number of elements", prod(counts))

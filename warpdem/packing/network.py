@@ -8,7 +8,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, finite, first_ids, positive
+from ..errors import MOST, Array, InputError, checked, finite, first_ids, positive, whole
 from ..section import Section, check_section
 from . import file
 from .packing import Mask, Packing
@@ -16,6 +16,7 @@ from .packing import Mask, Packing
 Curve = Callable[[float], ArrayLike] | ArrayLike
 
 
+@checked
 def network(
     position: ArrayLike,
     bonds: ArrayLike,
@@ -57,6 +58,7 @@ def network(
     )
 
 
+@checked
 def filament(
     curve: Curve,
     bonds: int,
@@ -73,7 +75,7 @@ def filament(
     length, as a sphere's; with rod_inertia (in space) also in torsion, about the rod's own axis,
     which costs a few times more in motion. Sides: "start" and "end" of an open rod.
     """
-    _count("bonds", bonds, 3 if closed else 1)
+    whole("bonds", bonds, 3 if closed else 1)
     x = _even(curve, bonds, closed)
     n, dim = x.shape
     pairs = np.stack([np.arange(bonds), np.arange(1, bonds + 1) % n], axis=1)
@@ -84,6 +86,7 @@ def filament(
     return _rods(x, pairs, section, plane, rod_inertia, sides)
 
 
+@checked
 def helix(
     radius: float, pitch: float, turns: float, bonds_per_turn: int, section: Section
 ) -> Packing:
@@ -91,6 +94,7 @@ def helix(
     positive("radius", radius, ())
     positive("turns", turns, ())
     finite("pitch", pitch, ())
+    whole("bonds_per_turn", bonds_per_turn, 1, int(MOST / max(turns, 1.0)))
     bonds = round(turns * bonds_per_turn)
 
     def coil(s: float) -> Array:
@@ -100,6 +104,7 @@ def helix(
     return filament(coil, bonds, section)
 
 
+@checked
 def ring(
     radius: float,
     bonds: int,
@@ -110,7 +115,7 @@ def ring(
     """A closed circular rod about the origin, radius [m]; with a plane in the plane, else in space
     about z."""
     positive("radius", radius, ())
-    _count("bonds", bonds, 3)
+    whole("bonds", bonds, 3)
     angle = 2.0 * pi * np.arange(bonds) / bonds
     x = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if plane is None:
@@ -119,6 +124,7 @@ def ring(
     return _rods(x, pairs, section, plane, rod_inertia, {})
 
 
+@checked
 def frame(
     nodes: ArrayLike,
     edges: ArrayLike,
@@ -140,7 +146,7 @@ def frame(
         raise InputError("edges must be pairs of nodes, integers of shape (e, 2).")
     if ((ends < 0) | (ends >= len(x))).any():
         raise InputError(f"edges name nodes outside 0..{len(x) - 1}.")
-    _count("bonds_per_edge", bonds_per_edge, 1)
+    whole("bonds_per_edge", bonds_per_edge, 1)
     lone = np.bincount(ends.ravel(), minlength=len(x)) == 0
     if lone.any():
         raise InputError(f"nodes {first_ids(lone)} belong to no edge; leave them out.")
@@ -156,6 +162,7 @@ def frame(
     return _rods(np.concatenate(position), np.concatenate(pairs), section, plane, False, {})
 
 
+@checked
 def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packing:
     """A sheet of hexagonal rings in space, in the plane z = 0, as graphene has.
 
@@ -170,6 +177,7 @@ def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packin
     columns, rows = round(size[0] / width), round(size[1] / height)
     if columns < 1 or rows < 1:
         raise InputError("the box holds no ring; enlarge size or reduce spacing.")
+    whole("the number of elements", 4 * rows * columns)
     cell = np.array([[0.0, 0.0], [0.5, 0.5], [0.5, 1.5], [0.0, 2.0]]) * [width, spacing]
     row, column = np.divmod(np.arange(rows * columns), columns)
     corner = np.stack([column * width, row * height], axis=1)
@@ -190,6 +198,7 @@ def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packin
     )
 
 
+@checked
 def load(particles: str | Path, bonds: str | Path | None = None) -> Packing:
     """A saved packing, or bonded particles from files; their ids are kept.
 
@@ -329,11 +338,6 @@ def _places(ids: NDArray, pairs: NDArray) -> NDArray[np.int64]:
         missing = ", ".join(map(str, np.unique(pairs[wrong])[:5]))
         raise InputError(f"bonds name elements that have no such ids: {missing}.")
     return found
-
-
-def _count(name: str, value: int, least: int) -> None:
-    if not isinstance(value, int | np.integer) or value < least:
-        raise InputError(f"{name} is {value!r}; give a whole number, at least {least}.")
 
 
 def _each(name: str, value: ArrayLike, n: int) -> Array:

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, ModelWarning, finite, first_ids, one_of, positive
+from ..errors import Array, InputError, ModelWarning, checked, finite, first_ids, one_of, positive
 
 Mask = NDArray[np.bool_]
 SIDES = ("left", "right", "bottom", "top", "back", "front")  # along x, y, z
 
 
+@checked
 @dataclass(frozen=True)
 class Packing:
     """Elements and the bonds between them, in the reference state.
@@ -78,7 +79,9 @@ class Packing:
             raise InputError(f"ids must be {n} different integers.")
         set_(self, "ids", ids.astype(np.int64))
         set_(self, "sides", {name: self._checked(name, mask) for name, mask in self.sides.items()})
-        if self.spacing == 0.0:
+        if self.spacing != 0.0:
+            positive("spacing", self.spacing, ())
+        else:
             length = self.bond_length
             apart = np.mean(length if len(length) else 2.0 * np.asarray(self.radius))
             set_(self, "spacing", float(apart))
@@ -193,7 +196,7 @@ class Packing:
                 f"the faces of elements {first_ids(full)} enclose more than their volume, which is "
                 "right only where the free surface turns inwards, as at the tip of a notch.",
                 ModelWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
 
     def index(self, ids: ArrayLike) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, finite, first_ids, positive
+from ..errors import Array, InputError, checked, finite, first_ids, positive
 
 Point = Sequence[float]
 
@@ -32,6 +32,7 @@ class Surface:
     sides: list[str]
 
 
+@checked
 @dataclass(frozen=True)
 class Box:
     """A box of the plane or of space: its edges [m]; corner [m]: the lower one.
@@ -53,6 +54,7 @@ class Box:
         object.__setattr__(self, "corner", corner)
 
 
+@checked
 @dataclass(frozen=True)
 class Disc:
     """A disc: radius and centre [m]. Side: outer."""
@@ -70,6 +72,7 @@ class Disc:
         return Outline([ring], [["outer"] * len(ring)])
 
 
+@checked
 @dataclass(frozen=True)
 class Ring:
     """A ring: inner and outer radius, centre [m]. Sides: inner, outer."""
@@ -90,6 +93,7 @@ class Ring:
         return Outline(rings, [["outer"] * len(rings[0]), ["inner"] * len(rings[1])])
 
 
+@checked
 @dataclass(frozen=True)
 class Polygon:
     """A polygon: corners [m] (m, 2) of its outline and of each hole, in either sense.
@@ -111,6 +115,7 @@ class Polygon:
         return Outline(rings, [[name] * len(ring) for name, ring in zip(names, rings, strict=True)])
 
 
+@checked
 @dataclass(frozen=True)
 class Plate:
     """A plane box with holes, discs or corners [m] (m, 2) of polygons; corner [m]: the lower one.
@@ -136,6 +141,7 @@ class Plate:
         return outline
 
 
+@checked
 @dataclass(frozen=True)
 class Sphere:
     """A sphere: radius and centre [m]. Side: outer."""
@@ -173,6 +179,7 @@ class Sphere:
         return Surface(x, t, np.zeros(len(t), dtype=np.int64), ["outer"])
 
 
+@checked
 @dataclass(frozen=True)
 class Cylinder:
     """A cylinder along z: radius, height and centre of its bottom [m]. Sides: bottom, top, side."""
@@ -201,6 +208,7 @@ class Cylinder:
         return Surface(x, t, np.repeat([0, 1, 2, 2], n), ["bottom", "top", "side"])
 
 
+@checked
 @dataclass(frozen=True)
 class Mesh:
     """A closed triangle mesh: vertices [m] (v, 3) and triangles (t, 3), rows of vertices.

@@ -15,9 +15,11 @@ from . import (  # noqa: F401  they register
     plastic,
     relink,
     rock,
+    search,
     visco,
     wall,
     waves,
+    weld,
 )
 from .case import CASES, Case, Check, Measurement, as_markdown, cases
 

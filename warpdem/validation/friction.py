@@ -1,5 +1,6 @@
 """Rate-and-state friction against an independent integration (theory B11, C5 row 50)."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -95,7 +96,7 @@ def velocity_steps() -> Iterator[Measurement]:
     ):
         # slow enough for 1000 steps over Dc, on a contact that is stiff against the law
         law = replace(ROCK, law=kind, V0=4e-5, Dc=2e-3)
-        faster = float(np.e)
+        faster = math.e
         sim, stiffness = pressed(law, precision, dim, law.V0, faster * law.V0, 1e-6)
         wall = sim.scene.walls[0]
         steady = law.mu0

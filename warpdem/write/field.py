@@ -90,8 +90,11 @@ def outlines(packing: Packing) -> list[Array]:
         size = np.linalg.norm(free)
         missing = volume / packing.thickness
         if size > 1e-6 * np.sqrt(missing):
-            # the free side: as far out as fills the cell's area
-            points = _closed(points, free / size, missing)
+            mirrored = np.concatenate([points, -points])  # a lattice's cell, mirrored at its centre
+            if len(points) > 3 and abs(ConvexHull(mirrored).volume / missing - 1.0) < 1e-6:
+                points = mirrored
+            else:  # the free side: as far out as fills the cell's area
+                points = _closed(points, free / size, missing)
         if len(points) > 2 and np.linalg.matrix_rank(points - points[0]) == 2:
             points = points[ConvexHull(points).vertices]
         cells.append(place + points)

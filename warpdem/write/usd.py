@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from ..errors import Array, InputError, one_of
-from ..fields import pressure, von_mises
 from ..wall import Box, Mesh, Plane, Shape, Sphere
+from .frame import FIELDS, element_fields, element_ids, element_widths, in_space
 from .whole import folder, whole
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
 
-FIELDS = ("velocity", "mean_stress", "von_mises", "damage", "plastic_strain")
 FRAMES_PER_SECOND = 24.0
+WORLD = "/World"
 
 
 class UsdWriter:
     """Writes a frame every `every` steps; the file appears when the run is over.
+
+    Until then a folder beside it, NAME.take, has a file for each frame, whole on the disk, and
+    root.usda, which shows all frames so far by value clips. A killed run leaves it, and a resumed
+    one goes on with it. single: False keeps the folder, for takes that memory cannot hold, and
+    writes no file of all frames.
 
     Elements are one `UsdGeom.Points`, /World/elements, with widths, ids (the packing's) and the
     fields velocity [m/s], mean_stress [Pa], von_mises [Pa], damage and, where bodies may flow,
@@ -37,22 +43,78 @@ class UsdWriter:
     color: the field shown as displayColor, scaled by its values in the first frame that has any.
     """
 
-    def __init__(self, path: str | Path, every: int = 100, color: str = "von_mises") -> None:
+    # made anew from the scene
+    not_saved = ("_width", "_rods")
+
+    def __init__(
+        self, path: str | Path, every: int = 100, color: str = "von_mises", single: bool = True
+    ) -> None:
         one_of("color", color, FIELDS)
-        self.path, self.every, self.color = Path(path), every, color
+        self.path, self.every, self.color, self.single = Path(path), every, color, single
         if self.path.suffix not in (".usd", ".usda", ".usdc"):
             raise InputError(f"{self.path.name} must end in .usd, .usda or .usdc.")
         folder(self.path.parent)
+        self.take = self.path.with_suffix(".take")
         self._stage: Usd.Stage | None = None
         self._frame = 0
-        self._range = 0.0
+        self._range = self._size = 0.0
 
     def observe(self, sim: Simulation) -> None:
         """Add a frame."""
         stage = self._stage or self._open(sim)
-        time = Usd.TimeCode(self._frame)
+        frame = Sdf.Layer.CreateAnonymous(".usdc")
+        stage.GetSessionLayer().subLayerPaths.append(frame.identifier)
+        stage.SetEditTarget(frame)
+        self._write_frame(sim, stage, Usd.TimeCode(self._frame))
+        stage.GetSessionLayer().subLayerPaths.clear()
+        if self._frame == 0:
+            _export(
+                Usd.ClipsAPI.GenerateClipManifestFromLayers([frame], WORLD), self._file("manifest")
+            )
+        _export(frame, self._file(f"frame.{self._frame:06}"))
+        _export(self._root(self._frame), self.take / "root.usda")
+        self._frame += 1
+
+    def finish(self, sim: Simulation) -> None:
+        """Save the file under its own name; a later run starts it anew."""
+        if self._stage is None:
+            return
+        if self.single:
+            all_frames = Sdf.Layer.CreateAnonymous(".usdc")
+            all_frames.TransferContent(self._stage.GetRootLayer())
+            for number in range(self._frame):
+                frame = Sdf.Layer.OpenAsAnonymous(str(self._file(f"frame.{number:06}")))
+                UsdUtils.StitchLayers(all_frames, frame)
+            all_frames.startTimeCode, all_frames.endTimeCode = 0, self._frame - 1
+            _export(all_frames, self.path)
+            shutil.rmtree(self.take)
+        self._stage, self._frame = None, 0
+
+    def _file(self, name: str) -> Path:
+        return self.take / f"{name}.usdc"
+
+    def _root(self, last: int) -> Sdf.Layer:
+        """What shows all frames up to the last."""
+        root = Sdf.Layer.CreateAnonymous(".usda")
+        stage = Usd.Stage.Open(root)
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
+        root.startTimeCode, root.endTimeCode, root.defaultPrim = 0, last, WORLD[1:]
+        clips = Usd.ClipsAPI(stage.OverridePrim(WORLD))
+        clips.SetClipPrimPath(WORLD)
+        clips.SetClipManifestAssetPath("./manifest.usdc")
+        clips.SetClipTemplateAssetPath("./frame.######.usdc")
+        clips.SetClipTemplateStartTime(0)
+        clips.SetClipTemplateEndTime(last)
+        clips.SetClipTemplateStride(1)
+        del clips, stage  # which would look for the next at once
+        root.subLayerPaths.append("./still.usdc")
+        return root
+
+    def _write_frame(self, sim: Simulation, stage: Usd.Stage, time: Usd.TimeCode) -> None:
         stage.GetDefaultPrim().GetAttribute("warpdem:time").Set(sim.time, time)
-        place = _in_space(sim.position)
+        place = in_space(sim.position)
         self._write_elements(sim, place, time)
         pairs, linked = sim.bonds, sim.linked
         self._write_curves(self._broken, place[pairs[~linked]], time)
@@ -60,36 +122,39 @@ class UsdWriter:
             self._write_curves(self._bonds, place[pairs[linked & self._rods]], time)
         for wall, (move, turn) in zip(sim.scene.walls, self._wall_moves, strict=True):
             at, q = sim.wall_pose(wall)
-            move.Set(Gf.Vec3d(*_in_space(at[None])[0].tolist()), time)
+            move.Set(Gf.Vec3d(*in_space(at[None])[0].tolist()), time)
             x, y, z, w = (0.0, 0.0, *q) if len(q) == 2 else q
             turn.Set(Gf.Quatf(float(w), float(x), float(y), float(z)), time)
-        stage.SetEndTimeCode(self._frame)
-        self._frame += 1
-
-    def finish(self, sim: Simulation) -> None:
-        """Save the file under its own name; a later run starts it anew."""
-        if self._stage is None:
-            return
-        with whole(self.path) as part:
-            self._stage.GetRootLayer().Export(str(part))
-        self._stage, self._frame = None, 0
 
     def _open(self, sim: Simulation) -> Usd.Stage:
+        """A stage of what does not change; an empty folder, or that of the run that goes on."""
+        if not self.take.exists():
+            self._frame = 0
+        missing = [n for n in range(self._frame) if not self._file(f"frame.{n:06}").exists()]
+        if missing:
+            raise InputError(
+                f"{self.take} lacks frames {missing[:5]} that were there at the checkpoint; put "
+                "them back, or hand over a writer of another name."
+            )
+        if self._frame == 0:
+            self._size = float(np.ptp(sim.position))
+            shutil.rmtree(self.take, ignore_errors=True)
+        folder(self.take)
         stage = Usd.Stage.CreateInMemory()
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
         stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
         stage.SetStartTimeCode(0)
-        world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
+        world = UsdGeom.Xform.Define(stage, WORLD).GetPrim()
         stage.SetDefaultPrim(world)
         world.CreateAttribute("warpdem:time", Sdf.ValueTypeNames.Double)
         packings = [b.packing for b in sim.scene.bodies]
-        self._width = np.concatenate([np.full(len(p), p.spacing) for p in packings])
+        self._width = element_widths(sim)
 
         points = UsdGeom.Points.Define(stage, "/World/elements")
         points.CreateWidthsAttr(Vt.FloatArray.FromNumpy(self._width.astype(np.float32)))
         points.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
-        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(_ids(packings)))
+        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(element_ids(sim)))
         api = UsdGeom.PrimvarsAPI(points)
         kinds = {"velocity": Sdf.ValueTypeNames.Vector3fArray}
         self._primvars = {
@@ -107,11 +172,12 @@ class UsdWriter:
         self._broken = self._define_curves(stage, "broken_bonds", 0.2, (0.85, 0.1, 0.1))
         if self._rods.any():
             self._bonds = self._define_curves(stage, "bonds", 0.3, (0.5, 0.5, 0.55))
-        _define_camera(stage, _in_space(sim.position), sim.model.features.dim)
+        _define_camera(stage, in_space(sim.position), sim.model.features.dim)
         self._wall_moves = [
-            _define_wall(stage, f"/World/wall_{n}", wall.shape, float(np.ptp(sim.position)))
+            _define_wall(stage, f"/World/wall_{n}", wall.shape, self._size)
             for n, wall in enumerate(sim.scene.walls)
         ]
+        _export(stage.GetRootLayer(), self._file("still"))
         self._stage = stage
         return stage
 
@@ -126,14 +192,7 @@ class UsdWriter:
         return curves
 
     def _write_elements(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
-        stress = sim.stress
-        fields = {
-            "velocity": _in_space(sim.velocity),
-            "mean_stress": -pressure(stress),
-            "von_mises": von_mises(stress),
-            "damage": sim.damage,
-            "plastic_strain": sim.plastic_strain,
-        }
+        fields = element_fields(sim, sim.stress)
         self._points.GetPointsAttr().Set(_vectors(place), time)
         self._points.GetExtentAttr().Set(_extent(place, self._width), time)
         for name, primvar in self._primvars.items():
@@ -174,6 +233,17 @@ def _define_camera(stage: Usd.Stage, place: Array, dim: int) -> None:
         camera.AddRotateXOp().Set(90.0)
 
 
+def _export(layer: Sdf.Layer, path: Path) -> None:
+    """Write a layer under its name when it is whole and on the disk."""
+    with whole(path) as part:
+        try:
+            done = layer.Export(str(part))
+        except Tf.ErrorException as error:
+            raise OSError(str(error).strip().splitlines()[-1]) from None
+        if not done:
+            raise OSError("the USD library could not")
+
+
 def _define_wall(
     stage: Usd.Stage, path: str, shape: Shape, size: float
 ) -> tuple[UsdGeom.XformOp, UsdGeom.XformOp]:
@@ -207,7 +277,7 @@ def _surface(shape: Shape, size: float) -> tuple[Array, list[list[int]]]:
         corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
         faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
         return half * corners, faces
-    axis = _in_space((shape.normal if isinstance(shape, Plane) else shape.axis)[None])[0]
+    axis = in_space((shape.normal if isinstance(shape, Plane) else shape.axis)[None])[0]
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     across /= np.linalg.norm(across)
     other = np.cross(axis, across)
@@ -222,16 +292,6 @@ def _surface(shape: Shape, size: float) -> tuple[Array, list[list[int]]]:
     if not shape.hollow:
         faces += [[*range(n)][::-1], [*range(n, 2 * n)]]
     return np.concatenate([ring - end, ring + end]), faces
-
-
-def _ids(packings: list) -> NDArray[np.int64]:
-    """The packings' own ids, or the order of elements where these clash."""
-    ids = np.concatenate([p.ids for p in packings])
-    return ids if len(np.unique(ids)) == len(ids) else np.arange(len(ids))
-
-
-def _in_space(v: Array) -> Array:
-    return v if v.shape[1] == 3 else np.column_stack([v, np.zeros(len(v))])
 
 
 def _single(v: NDArray) -> NDArray[np.float32]:

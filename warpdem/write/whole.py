@@ -12,17 +12,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, UnwritableError
 
 
 @contextmanager
 def whole(path: str | Path) -> Iterator[Path]:
-    """Yields a temporary name beside `path`, renamed to it at the end, removed on any error."""
+    """Yields a temporary name beside `path`, renamed to it at the end, removed on any error.
+
+    Raises UnwritableError where the system does not let it be written.
+    """
     final = Path(path)
     part = final.with_name(f".{final.stem}.{os.getpid()}.part{final.suffix}")
     try:
         yield part
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())  # before its name says that it is whole
         os.replace(part, final)
+    except OSError as error:
+        raise UnwritableError(
+            f"cannot write {final}: {error.strerror or error}; what was there before is whole. "
+            "Free some space, or choose another folder."
+        ) from None
     finally:
         part.unlink(missing_ok=True)
 

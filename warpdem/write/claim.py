@@ -1,0 +1,54 @@
+"""A folder for the results of one run at a time, which says how far that run came."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from ..errors import InputError, UnwritableError
+from .whole import folder, write_json
+
+
+@contextmanager
+def claimed(path: str | Path, record: dict[str, Any]) -> Iterator[Path]:
+    """A folder that no other process writes results into meanwhile.
+
+    Its run.json holds the record and `status`: "running" from the start, so that it stays after a
+    run that was killed; "failed" or "interrupted", and the `error`; a complete run writes its own.
+    After an InputError the folder is as it was. Raises InputError if another run has the folder.
+    """
+    out = folder(path)
+    lock = FileLock(out / ".lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError(
+            f"another run writes into {out}; wait until it is over, or choose another folder."
+        ) from None
+    told = out / "run.json"
+    before = told.read_bytes() if told.exists() else None
+    try:
+        write_json(told, record | {"status": "running"})
+        yield out
+    except BaseException as error:
+        if isinstance(error, InputError) and not isinstance(error, UnwritableError):
+            told.unlink()  # nothing was run: all is as it was
+            if before is not None:
+                told.write_bytes(before)
+            (out / ".lock").unlink(missing_ok=True)
+            raise
+        ended = isinstance(error, KeyboardInterrupt | SystemExit)
+        why = f"{type(error).__name__}: {error}"
+        if ended:
+            number = getattr(error, "code", 128 + signal.SIGINT)
+            why = f"ended by {signal.Signals(number - 128).name}" if number > 128 else why
+        with suppress(UnwritableError):  # where the disk is full, "running" stays
+            write_json(
+                told, record | {"status": "interrupted" if ended else "failed", "error": why}
+            )
+        raise
+    finally:
+        lock.release()

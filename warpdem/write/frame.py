@@ -1,0 +1,50 @@
+"""What a frame of a file for viewing holds of every element, whatever the format."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import Array
+from ..fields import pressure, von_mises
+
+if TYPE_CHECKING:
+    from ..simulation import Simulation
+
+FIELDS = ("velocity", "mean_stress", "von_mises", "damage", "plastic_strain")
+SYMMETRIC = ((0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2))  # xx, yy, zz, xy, yz, xz
+
+
+def element_fields(sim: Simulation, stress: Array) -> dict[str, Array]:
+    """`FIELDS` of every element, SI units; stress is the simulation's, (n, 3, 3)."""
+    return {
+        "velocity": in_space(sim.velocity),
+        "mean_stress": -pressure(stress),
+        "von_mises": von_mises(stress),
+        "damage": sim.damage,
+        "plastic_strain": sim.plastic_strain,
+    }
+
+
+def element_widths(sim: Simulation) -> Array:
+    """The packing's spacing [m], (n,)."""
+    packings = [b.packing for b in sim.scene.bodies]
+    return np.concatenate([np.full(len(p), p.spacing) for p in packings])
+
+
+def element_ids(sim: Simulation) -> NDArray[np.int64]:
+    """The packings' own ids, or the order of elements where these clash, (n,)."""
+    ids = np.concatenate([b.packing.ids for b in sim.scene.bodies])
+    return ids if len(np.unique(ids)) == len(ids) else np.arange(len(ids))
+
+
+def element_bodies(sim: Simulation) -> NDArray[np.int64]:
+    """Which body each element belongs to, (n,)."""
+    return np.repeat(np.arange(len(sim.scene.bodies)), [len(b.packing) for b in sim.scene.bodies])
+
+
+def in_space(v: Array) -> Array:
+    """Vectors (n, 2) or (n, 3) as (n, 3), plane ones at z = 0."""
+    return v if v.shape[1] == 3 else np.column_stack([v, np.zeros(len(v))])
