@@ -13,7 +13,6 @@ import re
 import subprocess
 import tempfile
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +23,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import warpdem as wd
-from warpdem.write.record import describe_machine
+from warpdem.benchmark import timing
+from warpdem.benchmark.timing import spread  # noqa: F401  scripts ask for it here
 
 Array = NDArray[np.float64]
 RADIUS, DT = 0.5, 0.05
+COARSE = 0.1  # seconds of a loop from which on its share of the processor is known
 STIFFNESS = {"longitudinal": 1.0, "shear": 0.4, "bending": 0.05, "torsion": 0.04}
 # greatest force along and across a bond, torsion and bending moment
 STRENGTH = {"tension": 0.05, "shear": 0.02, "torsion": 0.004, "bending": 0.005}
@@ -35,12 +36,13 @@ STRENGTH = {"tension": 0.05, "shear": 0.02, "torsion": 0.004, "bending": 0.005}
 
 @dataclass(frozen=True)
 class Bodies:
-    """Particles (n, 3), bonds (b, 2) and start velocities (n, 3)."""
+    """Particles (n, 3), bonds (b, 2), start velocities (n, 3) and spins (n, 3), by default 0."""
 
     name: str
     x: Array
     bonds: NDArray[np.int64]
     v: Array
+    w: Array | None = None
 
 
 def cubic(n: int) -> tuple[Array, NDArray[np.int64]]:
@@ -153,6 +155,31 @@ write_dump all local {left} index c_left[1] c_left[2]
 """
 
 
+# whatever else is wanted of bodies that neither break nor touch
+PLAIN = """
+units lj
+atom_style bpm/sphere
+newton on off
+boundary f f f
+comm_modify vel yes cutoff 4.0
+special_bonds lj 0 1 1 coul 0 1 1
+read_data {data}
+neighbor 1.0 bin
+neigh_modify every 1 delay 0 check yes
+pair_style zero 1.0
+pair_coeff * *
+bond_style bpm/rotational break no smooth no
+bond_coeff 1 {stiffness} 1e9 1e9 1e9 1e9 {damping}
+{more}
+fix move {moving} nve/bpm/sphere
+timestep {dt:.17g}
+thermo_style custom step {told}
+thermo_modify norm no format float %.17g
+thermo {every}
+run {steps}
+"""
+
+
 @dataclass(frozen=True)
 class Told:
     """What LAMMPS tells of a run: seconds of its loop, shares of its parts, bonds left (b, 2)."""
@@ -203,6 +230,39 @@ class Lammps:
         parts = re.findall(r"^(\w+)\s*\|.*\|\s*([\d.]+)\s*$", text, re.M)
         return Told(seconds, {k: float(v) / 100.0 for k, v in parts}, bonds)
 
+    def follow(
+        self,
+        bodies: Bodies,
+        stiffness: dict[str, float],
+        dt: float,
+        steps: int,
+        every: int,
+        told: str,
+        more: str = "",
+        moving: str = "all",
+        room: float = 15.0,
+        damping: str = "0 0 0 0",
+    ) -> tuple[float, Array]:
+        """Run bodies that stay whole: seconds of the processor, and a row of step and what is told
+        every so many steps. more: lines of the deck; moving: the group that moves; damping:
+        of bonds."""
+        names = ("longitudinal", "shear", "torsion", "bending")
+        with tempfile.TemporaryDirectory() as folder:
+            data, deck = Path(folder, "body.data"), Path(folder, "in.deck")
+            write_data(bodies, data, room)
+            deck.write_text(
+                PLAIN.format(
+                    data=data, stiffness=" ".join(str(stiffness[x]) for x in names), more=more,
+                    moving=moving, damping=damping, dt=dt, told=told, every=every, steps=steps,
+                )
+            )  # fmt: skip
+            text = self._lmp(["-in", str(deck), "-log", "none"], 1, Path(folder))
+        seconds = float(re.findall(r"Loop time of (\S+) ", text)[-1])
+        if seconds > COARSE:  # less, and LAMMPS does not tell the share well
+            seconds *= float(re.findall(r"([\d.]+)% CPU use", text)[-1]) / 100.0
+        rows = re.findall(r"^ +\d+(?: +[-+.\deEnaif]+)+ *$", text, re.M)
+        return seconds, np.array([[float(x) for x in row.split()] for row in rows])
+
     def _lmp(self, arguments: list[str], processes: int, folder: Path) -> str:
         command = [str(self.home / "bin" / "lmp"), *arguments]
         if processes > 1:
@@ -219,6 +279,7 @@ def write_data(bodies: Bodies, path: Path, room: float) -> None:
     """The bodies as LAMMPS reads them; room: of the box around them."""
     n, b = len(bodies.x), len(bodies.bonds)
     density = 1.0 / (4.0 / 3.0 * np.pi * RADIUS**3)
+    w = np.zeros_like(bodies.v) if bodies.w is None else bodies.w
     lo, hi = bodies.x.min(axis=0) - room, bodies.x.max(axis=0) + room
     with path.open("w") as f:
         f.write(f"bodies\n\n{n} atoms\n{b} bonds\n1 atom types\n1 bond types\n")
@@ -230,7 +291,7 @@ def write_data(bodies: Bodies, path: Path, room: float) -> None:
             f.write(f"{x[2]:.17g}\n")
         f.write("\nVelocities\n\n")
         for i, v in enumerate(bodies.v):
-            f.write(f"{i + 1} {v[0]:.17g} {v[1]:.17g} {v[2]:.17g} 0 0 0\n")
+            f.write(" ".join([str(i + 1), *(f"{a:.17g}" for a in (*v, *w[i]))]) + "\n")
         f.write("\nBonds\n\n")
         f.writelines(f"{k + 1} 1 {i + 1} {j + 1}\n" for k, (i, j) in enumerate(bodies.bonds))
 
@@ -239,22 +300,5 @@ def write_data(bodies: Bodies, path: Path, room: float) -> None:
 
 
 def about(lammps: Lammps | None = None) -> dict[str, Any]:
-    """Machine, date, and how busy the machine is with other things."""
-    info = Path("/proc/cpuinfo")
-    model = re.search(r"model name\s*:\s*(.+)", info.read_text()) if info.exists() else None
-    told: dict[str, Any] = dict(describe_machine())
-    told["processor"] = model[1] if model else "unknown"
-    told["cores"] = os.cpu_count()
-    told["load"] = list(os.getloadavg()) if hasattr(os, "getloadavg") else []
-    if lammps is not None:
-        told["lammps"] = lammps.version
-    return told | {"date": date.today().isoformat()}
-
-
-def spread(values: list[float]) -> dict[str, float]:
-    """Median, least and greatest."""
-    return {
-        "median": float(np.median(values)),
-        "least": float(min(values)),
-        "greatest": float(max(values)),
-    }
+    """Machine, date, load, and the version of LAMMPS."""
+    return timing.about() | ({} if lammps is None else {"lammps": lammps.version})

@@ -13,9 +13,9 @@ ALLOWED = {
     "section": {"errors"},
     "bond": {"errors", "material", "section"},
     "criteria": {"errors", "fields", "section"},
-    "friction": {"errors"},
-    "contact": {"errors", "friction", "packing", "relinking"},
-    "wall": {"errors", "friction"},
+    "friction": {"errors", "material"},
+    "contact": {"errors", "friction", "material", "packing", "relinking"},
+    "wall": {"errors", "friction", "material"},
     "toughness": {"criteria", "errors", "material", "packing"},
     "plasticity": {"errors"},
     "relinking": {"errors"},
@@ -27,7 +27,7 @@ ALLOWED = {
     },
     "model": {
         *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
-        *("contact", "friction", "relinking", "wall"),
+        *("contact", "friction", "material", "relinking", "wall"),
     },
     "archive": {"errors"},
     "checkpoint": {"archive", "errors", "model", "wall"},
@@ -62,9 +62,13 @@ ALLOWED = {
         *("friction", "relinking", "viscoelasticity", "wall"),
     },
     "sweeps": {"errors", "experiments", "write"},
+    "benchmark": {
+        *("errors", "bond", "criteria", "experiments", "material", "packing", "plasticity"),
+        *("scene", "section", "simulation", "validation", "write"),
+    },
     "cli": {
         *("archive", "checkpoint", "errors", "experiments", "observe", "simulation", "sweeps"),
-        *("validation", "write"),
+        *("benchmark", "validation", "write"),
     },
     "__main__": {"cli"},
 }

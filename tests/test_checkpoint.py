@@ -11,8 +11,8 @@ import pytest
 
 import warpdem as wd
 from warpdem import archive, checkpoint, passes
-from warpdem.kernels.memory import CHUNK
 from warpdem.validation import core
+from warpdem.validation.contact import ball
 
 SOFT = wd.Material(1.0, 0.3, 1.0)
 STEPS = 60
@@ -179,6 +179,18 @@ def healing():
     return scene
 
 
+def welding():
+    """Two elements, pressed on each other until they weld, and pulled apart."""
+    scene = wd.Scene()
+    one, other = (scene.add(ball(np.array([x, 0.0]), 0.5), SOFT) for x in (0.0, 1.0))
+    scene.hold(one, [0])
+    omega = 0.5
+    scene.hold(other, [0], velocity=[0.01 * omega, 0.0], history=lambda t: np.sin(omega * t))
+    other.displacement[:] = [-0.01, 0.0]
+    scene.contact(friction=0.3, welding=wd.Welding(strength=2e-3, pressure=1e-4, time=1.0))
+    return scene
+
+
 def renewing():
     """A sheet that flows so far that its faces are renewed."""
     p = wd.packing.voronoi((8.0, 8.0), 1.0, "strain", seed=1, periodic=True)
@@ -196,8 +208,8 @@ OLD = (facets, space, evm, softening, incubating, plastic, breaking_plastic, fin
 MAKES = (*OLD, tools, hertz, ageing, healing, renewing)
 BREAKING = (facets, space, evm, prony, contact, tools, hertz, ageing, healing)
 LENGTH = {renewing: 260, healing: 140, hertz: 36}  # steps
-RARE = {(hertz, "float32"), (hertz, "mixed"), (ageing, "mixed"), (healing, "float32"),
-        (tools, "mixed")}  # fmt: skip
+RARE = {(hertz, "float32"), (hertz, "mixed"),
+        (ageing, "mixed"), (healing, "float32"), (tools, "mixed")}  # fmt: skip
 CASES = [
     pytest.param(make, x, id=f"{make.__name__}-{x}",
                  marks=[pytest.mark.slow] if (make, x) in RARE else [])
@@ -261,6 +273,19 @@ def test_no_array_that_steps_write_is_left_out(make, tmp_path):
         kept = {n.removeprefix("state/"): file[n].tobytes() for n in file if "/" in n}
     assert {"displacement", "velocity"} <= written
     assert {name for name in written if kept.get(name) != after[name]} == set()
+
+
+def test_welds_resume_with_their_log(tmp_path):
+    sims = [wd.Simulation(welding(), dt=0.1) for _ in range(2)]
+    whole, half = sims
+    whole.run(steps=300)
+    half.run(steps=150, checkpoint=tmp_path / "a.npz")
+    again = wd.resume(tmp_path / "a.npz", welding())
+    again.run(steps=150)
+    late = whole.welded_pairs()["step"] > 150
+    assert late.any() and not late.all()
+    assert np.array_equal(whole.welded_pairs(), again.welded_pairs())
+    assert bytes_of(again) == bytes_of(whole)
 
 
 def test_a_new_attribute_is_kept_without_a_word(tmp_path):
@@ -499,27 +524,40 @@ def test_five_runs_of_a_scene_are_one():
     assert len(seen) == 1
 
 
-@pytest.mark.filterwarnings("ignore::warpdem.ModelWarning")
 @pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
-@pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("make", [facets, breaking_plastic, prony],
-                         ids=lambda m: m.__name__)  # fmt: skip
-def test_one_and_two_threads_resume_to_the_same_bits(make, precision, tmp_path, monkeypatch):
-    """Three runs in one and one in two halves, with launches this small shared out as well."""
-    monkeypatch.setattr(passes, "SHARED", 2 * CHUNK)
+@pytest.mark.parametrize(
+    ("plate", "precision"),
+    [
+        (True, "float64"),
+        *(
+            pytest.param(*x, marks=pytest.mark.slow)
+            for x in ((True, "float32"), (False, "float32"))
+        ),
+    ],
+)
+def test_one_and_two_threads_resume_to_the_same_bits(plate, precision, tmp_path):
+    """Two runs in one and one in two halves, in the plane and in space."""
+
+    def scene():
+        if plate:
+            p = wd.packing.hexagonal((110.0, 70.0), 1.0, "strain")
+        else:
+            p = wd.packing.fcc((15.0, 15.0, 15.0), 1.0)
+        return thrown(p, 0.02, fracture=wd.DruckerPrager(1e-2, 3.0))[0]
+
     seen = set()
-    for threads in (1, 2, 2):
-        whole = wd.Simulation(make(), precision=precision, threads=threads)
-        whole.run(steps=STEPS)
+    for threads in (1, 2):
+        whole = wd.Simulation(scene(), precision=precision, threads=threads, dt=0.1)
+        whole.run(steps=30)
         seen.add(hash_of(whole))
-    shares = [whole._step._team._share(x, rank) for x in whole._step._start.launches
-              for rank in range(2)]  # fmt: skip
-    assert sum(x is not None for x in shares) > len(whole._step._start.launches)
-    half = wd.Simulation(make(), precision=precision)
-    half.run(steps=STEPS // 2, checkpoint=tmp_path / "a.npz")
-    again = wd.resume(tmp_path / "a.npz", make(), threads=2)
-    again.run(steps=STEPS - STEPS // 2)
+    assert whole.model.bonds > whole.model.elements > passes.SHARED  # both are shared out
+    half = wd.Simulation(scene(), precision=precision, dt=0.1)
+    half.run(steps=15, checkpoint=tmp_path / "a.npz")
+    again = wd.resume(tmp_path / "a.npz", scene(), threads=2)
+    again.run(steps=15)
     seen.add(hash_of(again))
+    late = whole.broken_bonds()["step"] > 15
+    assert late.any() and not late.all()
     assert len(seen) == 1
 
 

@@ -11,10 +11,16 @@ from pxr import Usd, UsdGeom, UsdValidation
 
 import warpdem as wd
 from warpdem.experiments import (
+    CrushedGrain,
+    Drop,
     Impact,
+    Indentation,
     SlidingBlock,
     SpringSlider,
+    crushed_grain,
+    drop,
     impact,
+    indentation,
     sliding_block,
     spring_slider,
 )
@@ -184,3 +190,97 @@ def test_below_its_strength_a_plate_does_not_spall():
 def test_plates_too_thin_are_refused():
     with pytest.raises(wd.InputError, match="give 10 or more"):
         Impact(flyer=5e-4)
+
+
+# -- indentation ----------------------------------------------------------------------------------
+
+BLOCK = {"width": 30e-3, "height": 15e-3, "spacing": 0.5e-3, "radius": 100e-3, "speed": 4.0}
+
+
+@pytest.mark.slow
+def test_a_tool_presses_as_hertz_says_and_then_the_block_breaks(tmp_path):
+    brittle = wd.DruckerPrager(compression=150e6, ratio=10.0)
+    result = indentation(Indentation(**BLOCK, depth=60e-6, criterion=brittle), out=tmp_path)
+    # few elements touch at this size; the default has 1.05
+    assert result.half_width_over_hertz == pytest.approx(1.0, abs=0.3)
+    assert result.broken_bonds > 10 and result.greatest_force > result.first_break_force
+    assert abs(result.energy_error) < 1e-4
+    written(result, tmp_path)
+
+
+def test_forces_of_elements_on_a_wall_are_its_force():
+    p = wd.packing.square((4.0, 2.0), 1.0)
+    scene = wd.Scene()
+    scene.add(p, wd.Material(1.0, 0.0, 1.0), facet_bending=True)
+    scene.contact()
+    wall = scene.wall([0.0, p.position[:, 1].min() - 0.49], [0.0, 1.0])
+    sim = wd.Simulation(scene)
+    forces = sim.wall_forces(wall)
+    assert forces.shape == (8, 2)
+    assert (forces[p.side("bottom"), 1] < 0.0).all() and not forces[~p.side("bottom")].any()
+    assert forces.sum(axis=0) == pytest.approx(sim.wall_force(wall))
+
+
+# -- crushed grain --------------------------------------------------------------------------------
+
+GRAIN = {"diameter": 16e-3, "spacing": 1e-3}
+
+
+@pytest.mark.slow
+def test_a_grain_is_crushed(tmp_path):
+    result = crushed_grain(CrushedGrain(**GRAIN, speed=1.0, closing=0.08e-3), out=tmp_path)
+    assert 0.3 < result.first_crack_over_strength < 1.2
+    assert 0.5 < result.greatest_stress / 10e6 < 1.5
+    assert result.pieces_at_end > 2
+    assert abs(result.energy_error) < 1e-4
+    written(result, tmp_path)
+
+
+@pytest.mark.slow
+def test_a_pair_of_grains_keeps_momentum_and_parts(tmp_path):
+    broken = crushed_grain(CrushedGrain(**GRAIN, pair=True, speed=4.0), out=tmp_path)
+    assert broken.momentum_error < 1e-12
+    assert abs(broken.energy_error) < 1e-4
+    assert broken.pieces_at_end > 2
+    whole = crushed_grain(CrushedGrain(**GRAIN, pair=True, speed=0.05))
+    assert whole.broken_bonds == 0 and whole.pieces_at_end == 2
+    # what is lost of the speed is the grains' ringing and the dashpots'
+    assert broken.restitution < whole.restitution < 1.0
+    written(broken, tmp_path)
+
+
+# -- drop -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_dropped_body_meets_the_plane_and_falls_into_pieces(tmp_path):
+    small = {"diameter": 20e-3, "spacing": 1e-3, "time": 8e-4}
+    result = drop(Drop(**small), out=tmp_path)
+    assert result.impact_speed == pytest.approx(np.sqrt(2.0 * 9.81 * 2.0), rel=1e-6)
+    assert result.impulse_error == pytest.approx(0.0, abs=0.05)
+    assert abs(result.energy_error) < 1e-4
+    assert result.pieces_at_end > 2
+    shares = result.kinetic_share + result.fracture_share + result.lost_share
+    assert shares == pytest.approx(1.0, abs=0.02)  # the rest is strain, and gravity's work
+    written(result, tmp_path)
+
+
+def test_a_drop_from_below_its_start_is_refused():
+    with pytest.raises(wd.InputError, match="the height is"):
+        Drop(height=1e-4)
+
+
+@pytest.mark.slow
+def test_the_default_block_under_a_tool_follows_hertz():
+    result = indentation(Indentation(depth=0.08e-3))
+    assert result.half_width_over_hertz == pytest.approx(1.0, abs=0.06)
+    # a half-space's, of which the block is a piece
+    assert result.depth_over_hertz == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [impact, indentation, crushed_grain, drop])
+def test_the_defaults_close_their_books(make):
+    result = make()
+    assert abs(result.energy_error) < 1e-4
+    assert result.broken_bonds > 100

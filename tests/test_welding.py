@@ -54,6 +54,20 @@ def test_welds_outlive_the_list_they_were_made_in():
     assert np.array_equal(one._step.arrays["contact_spring"].numpy(), pressed)
 
 
+def test_welds_go_on_from_a_checkpoint(tmp_path):
+    whole, first = (meeting(wd.Welding(strength=4e-3)) for _ in range(2))
+    whole.run(steps=800)
+    first.run(steps=250)
+    assert len(first.welded)
+    first.save(tmp_path / "weld.npz")
+    second = wd.resume(tmp_path / "weld.npz", first.scene)
+    second.run(steps=550)
+    assert np.array_equal(whole.displacement, second.displacement)
+    assert np.array_equal(whole.welded, second.welded)
+    assert np.array_equal(whole.welded_pairs(), second.welded_pairs())
+    assert (whole.welded_pairs()["kind"] == "broken").any()
+
+
 def test_slip_work_and_pressure_are_waited_for():
     assert len(meeting_log(wd.Welding(0.1, pressure=1.0))) == 0
     assert len(meeting_log(wd.Welding(0.1, work=1.0))) == 0

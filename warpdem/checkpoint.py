@@ -114,7 +114,7 @@ def save(sim: Simulation, path: Path) -> None:
         "steps": sim.steps,
         "time": sim.time,
         "scene": fingerprint(sim),
-        "shapes": {name: list(shape) for name, shape in step._shapes.items()},
+        "shapes": {name: list(shape) for name, shape in step.arrays.shapes.items()},
         "parts": parts,
         "observers": observers,
     }
@@ -183,7 +183,7 @@ class _NotPlainError(Exception):
 def told(owner: object, arrays: dict[str, NDArray]) -> Any:
     """The attributes of an object that are plain data, as JSON and arrays; functions, files and
     the like are left to whoever makes the object anew. So are those named in its `not_saved`.
-    Objects in it that are observers, or say that they `have_records`, are told likewise."""
+    Objects in it that are observers, or say so by `has_records`, are told likewise."""
     pairs, left = [], getattr(owner, "not_saved", ())
     for name, value in getattr(owner, "__dict__", {}).items():
         if name in left:
@@ -219,7 +219,7 @@ def retell(owner: object, data: Any, arrays: dict[str, NDArray]) -> None:
 
 def _has_records(value: object) -> bool:
     observes = hasattr(value, "observe") and hasattr(value, "finish") and hasattr(value, "__dict__")
-    return observes or getattr(value, "have_records", False) is True
+    return observes or getattr(value, "has_records", False) is True
 
 
 def _tell(value: Any, arrays: dict[str, NDArray]) -> Any:
@@ -295,7 +295,7 @@ def _read(data: Any, arrays: dict[str, NDArray]) -> Any:
 
 def _parts(sim: Simulation) -> dict[str, object]:
     """Objects whose numbers are part of the state."""
-    parts: dict[str, object] = {"step": sim._step, "simulation": sim, "relinks": sim._step.relinks}
+    parts: dict[str, object] = {"step": sim._step, "simulation": sim}
     if sim._step.neighbours is not None:
         parts["neighbours"] = sim._step.neighbours
     parts |= {f"trouble {i}": x for i, x in enumerate(sim._troubles)}

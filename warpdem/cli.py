@@ -1,4 +1,4 @@
-"""The command line: `warpdem run NAME`, `warpdem resume DIR`, `warpdem info`."""
+"""The command line: `warpdem run NAME`, `resume DIR`, `sweep`, `validate`, `bench`, `info`."""
 
 import json
 import os
@@ -404,6 +404,9 @@ def _time_progress(_: Trial, stage: Stage) -> Observer:
 for _trial, _make in (
     (experiments.SlidingBlock, experiments.sliding_block),
     (experiments.SpringSlider, experiments.spring_slider),
+    (experiments.Drop, experiments.drop),
+    (experiments.CrushedGrain, experiments.crushed_grain),
+    (experiments.Indentation, experiments.indentation),
     (experiments.Impact, experiments.impact),
 ):
     experiment(
@@ -546,6 +549,39 @@ def film(
 
     path = out or scene.with_suffix(".gif")
     console.print(f"{write_film(scene, path, pixels)} frames: {path}")
+
+
+@app.command()
+def bench(
+    size: Annotated[
+        int, typer.Option(help="Elements of the bodies whose steps are timed.")
+    ] = 30_000,
+    threads: Annotated[int, typer.Option(help="Threads of the CPU.")] = 1,
+    device: Annotated[str, typer.Option(help="Where the steps are timed.")] = "cpu",
+    cases: Annotated[bool, typer.Option(help="Also the cases whose answer is known.")] = True,
+) -> None:
+    """How fast this machine steps scenes, and what error known answers cost; in a minute or two.
+
+    docs/performance.md has the long version.
+    """
+    from .benchmark.short import errors_and_costs, speeds
+
+    table = RichTable(
+        "scene", "dim", "elements", "kernels", "B an element", "float32", "float64",
+        title=f"million element-steps/s, {device}, {threads} threads",
+    )  # fmt: skip
+    for row in speeds(size, device, threads):
+        rates = (f"{row.rates[p] / 1e6:.1f}" for p in ("float32", "float64"))
+        counts = (row.dim, row.elements, row.kernels, round(row.bytes))
+        table.add_row(row.kind, *map(str, counts), *rates)
+    console.print(table)
+    if cases:
+        table = RichTable("case", "line", "knob", "error", "seconds", "million el.-steps/s",
+                          title="cases whose answer is known, on one core")  # fmt: skip
+        for name, line, knob, point in errors_and_costs():
+            rate = "-" if point.steps is None else f"{point.rate / 1e6:.1f}"
+            table.add_row(name, line, knob, f"{point.error:.1e}", f"{point.seconds:.3f}", rate)
+        console.print(table)
 
 
 @app.command()

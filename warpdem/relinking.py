@@ -62,6 +62,8 @@ class Welding:
 class WeldLog:
     """Rows of the log of pairs that welded and broke."""
 
+    has_records = True  # that a checkpoint keeps
+
     # lower id, higher id, step, 1 for a weld or -1 for a break, normal stress, shear stress, energy
     rows: list[NDArray[np.float64]] = field(default_factory=list)
 
@@ -73,6 +75,8 @@ class WeldLog:
 @dataclass
 class RelinkLog:
     """Rows of the log of links made again, and of breaks that these would have overwritten."""
+
+    has_records = True  # that a checkpoint keeps
 
     # listed bond, step, pressure, shear stress, energy released
     links: list[tuple[NDArray, ...]] = field(default_factory=list)

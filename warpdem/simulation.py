@@ -33,6 +33,7 @@ from .scene import Body, Scene, Servo
 from .stability import (
     HERTZ_OVERLAP,
     bound_contact,
+    bound_contact_damping,
     bound_damping,
     bound_frequency,
     largest_frequency,
@@ -136,13 +137,17 @@ class Simulation:
         frequency = 0.0
         for linked in link_states(self.model):
             trial = state_arrays(self.model, scene, linked)
-            step = Step(
-                self.model, trial, 1.0, precision, self.device, simd, slack=np.inf, touches=False
+            found = largest_frequency(  # the trial's memory is free again at once
+                Step(self.model, trial, 1.0, precision, self.device, simd, np.inf, touches=False),
+                self._spacing,
             )
-            frequency = max(frequency, largest_frequency(step, self._spacing))
+            frequency = max(frequency, found)
         touch = bound_contact(self.model)
         frequency = float(np.hypot(frequency, touch))
         bound = float(np.hypot(bound_frequency(self.model), touch))
+        # contacts' dashpots know velocities of half a step ago: omega^2 dt^2 + 2 gamma dt < 4
+        lag = 0.5 * bound_contact_damping(self.model)
+        frequency, bound = (lag + float(np.hypot(lag, x)) for x in (frequency, bound))
         rate = bound_damping(self.model)
         self.dt_limit = 2.0 / max(frequency, rate) if frequency > 0.0 else np.inf
         self.dt_bound = 2.0 / bound if bound > 0.0 else np.inf
@@ -431,6 +436,18 @@ class Simulation:
         """Device memory in use [B]."""
         return self._step.bytes
 
+    @property
+    def memory(self) -> dict[str, int]:
+        """Device memory of every array by name [B], the largest first."""
+        size = {name: a.capacity for name, a in self._step.arrays.items()}
+        return dict(sorted(size.items(), key=lambda item: -item[1]))
+
+    @property
+    def kernels(self) -> list[str]:
+        """Names of the kernels that a step launches, in order; the rare passes of steps in which
+        bonds break or contacts close are not among them."""
+        return self._step.kernels
+
     def seconds_per_step(self) -> float:
         """Wall time of one step [s], estimated from the force passes of this scene."""
         samples = []
@@ -628,8 +645,14 @@ class Simulation:
 
     def wall_force(self, wall: Wall) -> Array:
         """Force of all elements on a wall [N], (dim,)."""
+        return self.wall_forces(wall).sum(axis=0)
+
+    def wall_forces(self, wall: Wall) -> Array:
+        """Force of every element on a wall [N], (n, dim)."""
         row = self._row(wall)
-        return self._step.download("wall_reaction")[row].sum(axis=0, dtype=np.float64)
+        force = np.zeros((self.model.elements, self.model.features.dim))
+        force[self.model.contact_elements] = self._step.download("wall_reaction")[row]
+        return force[: self.model.own_elements]
 
     def wall_torque(self, wall: Wall) -> Array:
         """Torque of all elements on a wall about its shape's place [N m], (1,) or (3,)."""
@@ -761,14 +784,14 @@ class Simulation:
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
-        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs
-        and whatever touches): held now; friction: taken by slip; fracture: released by breaking
-        bonds and welds; damping: taken by dashpots, local damping, absorbing sides and restitution;
-        plastic: dissipated by plastic flow; viscous: by branches; healing: released by links made
-        again, negative where these took from what their breaks had released; work: done by moving
-        grips and walls, outer loads and a periodic box; integrator: velocity Verlet's own term
-        (theory B13), its jumps at breaking bonds included; renewal: lost with old faces; residual:
-        what is missing from their balance.
+        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs and
+        whatever touches): held now; friction: taken by slip, rolling, twisting; fracture: released
+        by breaking bonds and welds; damping: taken by dashpots, local damping, absorbing sides and
+        restitution; plastic: dissipated by plastic flow; viscous: by branches; healing: released by
+        links made again, negative where these took from what their breaks had released; work: done
+        by moving grips and walls, outer loads and a periodic box; integrator: velocity Verlet's own
+        term (theory B13), its jumps at breaking bonds included; renewal: lost with old faces;
+        residual: what is missing from their balance.
         """
         ledger = self._measure()
         before, now = (

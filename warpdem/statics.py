@@ -324,9 +324,15 @@ def turned(orientation: Array, turn: Array) -> Array:
         return np.stack(
             [s * np.cos(half) + c * np.sin(half), c * np.cos(half) - s * np.sin(half)], axis=1
         )
-    from scipy.spatial.transform import Rotation
-
-    return (Rotation.from_rotvec(turn) * Rotation.from_quat(orientation)).as_quat()
+    half = 0.5 * np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+    p, c = 0.5 * np.sinc(half / np.pi) * turn, np.cos(half)
+    q, d = orientation[:, :3], orientation[:, 3:]
+    px, py, pz = p.T
+    qx, qy, qz = q.T
+    across = np.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx], axis=1)
+    along = c * d - (p * q).sum(axis=1, keepdims=True)
+    found = np.concatenate([c * q + d * p + across, along], axis=1)
+    return found / np.sqrt((found * found).sum(axis=1, keepdims=True))
 
 
 def _free(m: Model) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,9 @@ OPTIONAL = frozenset(
         *("weld_shear", "weld_released", "weld_energy", "any_welded"),
         *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
-        "restitution_energy",
+        *("contact_kind", "friction_table"),
+        *("restitution_energy", "contact_dashpot", "wall_dashpot"),
+        *("contact_roll", "wall_roll", "wall_rolling", "wall_twisting"),
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
         *("healing_weight", "healing_strength"),
         *("wall_mesh", "wall_first_face", "face_place", "wall_opened", "wall_spring"),
@@ -130,6 +133,93 @@ PRECISIONS = {
 }
 
 
+def free_memory(device: str) -> int | None:
+    """Memory that a device has left [B], or None where the system does not tell."""
+    found = wp.get_device(device)
+    if not found.is_cpu:
+        return int(found.free_memory)
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+    except OSError:
+        return None
+    told = {name: value.split() for name, _, value in (x.partition(":") for x in lines)}
+    return 1024 * int(told["MemAvailable"][0]) if "MemAvailable" in told else None
+
+
+class Arrays(dict[str, wp.array]):
+    """Arrays on a device by name; one that `waits` is put there when it is first asked for.
+
+    real, place: types of the arithmetic of forces and of places.
+    """
+
+    def __init__(self, real: type, place: type, device: str) -> None:
+        super().__init__()
+        self._real, self._place, self._device = real, place, device
+        self.waits: dict[str, NDArray] = {}
+        self.shapes: dict[str, tuple[int, ...]] = {}
+
+    def __missing__(self, name: str) -> wp.array:
+        self.put(name, self.waits.pop(name))
+        return self[name]
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or name in self.waits
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The array, or `default` if there is none."""
+        return self[name] if name in self else default  # noqa: SIM401
+
+    def put(self, name: str, value: NDArray) -> None:
+        """Put an array on the device, or overwrite the one that is there."""
+        if name in self.waits:
+            self.waits[name] = value
+        elif name in self and self[name].device.is_cpu:
+            self[name].numpy()[:] = self.flat(name, value)
+        elif name in self:
+            self[name].assign(self.flat(name, value))
+        else:
+            self.shapes[name] = value.shape
+            flat, dtype = self.flat(name, value), self._dtype(name, value)
+            self[name] = wp.array(flat, dtype=dtype, device=self._device)
+
+    def take(self, name: str) -> NDArray:
+        """A copy of an array in its shape."""
+        if name in self.waits:
+            value = self.waits[name]
+            return np.array(self.flat(name, value)).reshape(value.shape)
+        return np.array(self[name].numpy()).reshape(self.shapes[name])
+
+    def flat(self, name: str, value: NDArray) -> NDArray:
+        """A value as it is on the device."""
+        dtype = wp.dtype_to_numpy(self._dtype(name, value))
+        return np.ascontiguousarray(value, dtype=dtype).ravel()
+
+    def _dtype(self, name: str, value: NDArray) -> type:
+        if value.dtype.kind in "iu":
+            return wp.int32
+        if name in SUMS:
+            return wp.float64
+        return self._place if name in PLACES else self._real
+
+    @property
+    def bytes(self) -> int:
+        """Device memory of all arrays [B]."""
+        return sum(a.capacity for a in self.values())
+
+    def check_room(self, elements: int) -> None:
+        """Raise InputError if the device has not the memory for all that waits."""
+        needed = 0
+        for name, value in self.waits.items():
+            needed += value.size * wp.types.type_size_in_bytes(self._dtype(name, value))
+        free = free_memory(self._device)
+        if free is not None and needed > free:
+            raise InputError(
+                f"this scene of {elements} elements needs up to {needed / 1e9:.3g} GB on "
+                f"{self._device!r}, which has {free / 1e9:.3g} GB free: take fewer elements, "
+                "precision='float32', which halves it, or another device."
+            )
+
+
 class Step:
     """A model's arrays on a device and the passes over them.
 
@@ -140,7 +230,10 @@ class Step:
 
     # what a checkpoint leaves out of a step's own numbers: arrays have their place in it, these
     # are views of them
-    not_saved = ("arrays", "_shapes", "_flags", "_nothings")
+    not_saved = (
+        *("arrays", "_views", "_nothings"),
+        *("_energies", "_angles", "_stress_everywhere", "_relax", "_settle"),  # made when needed
+    )
     addresses = ("wall_mesh",)  # arrays that hold no numbers but where things are on this device
 
     def __init__(
@@ -163,11 +256,10 @@ class Step:
         self.synchronous = True
         self.integrator_released = 0.0
         self.servo_factors: dict[int, float] = {}  # of grips that a servo moves
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self.arrays: dict[str, wp.array] = {}
-        for name, value in (model.arrays() | state).items():
-            if name != "position":  # places are displacements from it
-                self.upload(name, value)
+        self.arrays = Arrays(self.real, self.place, device)
+        self.arrays.waits = model.arrays() | state
+        del self.arrays.waits["position"]  # places are displacements from it
+        self.arrays.check_room(model.elements)
         if model.branch_time is not None:
             self.upload("branch_lost", -np.expm1(-dt / model.branch_time))
         if "retarded_time" in state:
@@ -179,7 +271,8 @@ class Step:
         self._angles: wp.Launch | None = None
         self._stress_everywhere: wp.Launch | None = None
         self._relax: Passes | None = None
-        self._flags: dict[str, NDArray] = {}
+        self._views: dict[str, tuple[wp.array, NDArray]] = {}
+        self._settle: Passes | None = None
         self._nothings: dict[type, wp.array] = {}
         self.relinks, self.welds = RelinkLog(), WeldLog()
         self.neighbours: Neighbours | None = None
@@ -209,7 +302,9 @@ class Step:
         self.synchronous = False
         self.count += 1
         self.set_factors()
-        if self._settle and self._raised("any_crossed"):
+        if self.model.listed_bonds is not None and self._raised("any_crossed"):
+            if self._settle is None:  # bound, compiled and given memory by the first step with it
+                self._settle = self._bind_settle()
             self._settle.launch()
         if self.neighbours is not None and self._raised("any_touched"):
             self._settle_contact.launch()
@@ -335,6 +430,9 @@ class Step:
 
     def forget_gaps(self) -> None:
         """Start the books of unlinked pairs anew, after the state was overwritten."""
+        for name in ("contact_dashpot", "wall_dashpot"):
+            if name in self.arrays:
+                self.arrays[name].zero_()
         if self.model.listed_bonds is not None:
             for name, value in (("closing_gap", UNKNOWN), ("closing_debt", 0.0)):
                 self.arrays[name].fill_(value)
@@ -443,7 +541,7 @@ class Step:
     def relax(self, keep: float, push: float) -> None:
         """One step of relaxation: v <- keep v + push M^-1 F, drift, evaluate forces."""
         assert self._relax is not None
-        self.upload("relaxing_mix", np.array([keep, push]))
+        self._write("relaxing_mix", np.array([keep, push]))
         self._relax.launch()
         if self.neighbours is not None:
             self._touch(moves=False)
@@ -530,32 +628,29 @@ class Step:
 
     def upload(self, name: str, value: NDArray) -> None:
         """Put an array on the device under its name, or overwrite the one that is there."""
-        if value.dtype.kind in "iu":
-            dtype = wp.int32
-        elif name in SUMS:
-            dtype = wp.float64
-        else:
-            dtype = self.place if name in PLACES else self.real
-        flat = np.ascontiguousarray(value, dtype=wp.dtype_to_numpy(dtype)).ravel()
-        if name in self.arrays:
-            self.arrays[name].assign(flat)
-        else:
-            self._shapes[name] = value.shape
-            self.arrays[name] = wp.array(flat, dtype=dtype, device=self.device)
+        self.arrays.put(name, value)
 
     def download(self, name: str) -> NDArray:
         """A copy of a device array in its shape."""
-        return np.array(self.arrays[name].numpy()).reshape(self._shapes[name])
+        return self.arrays.take(name)
 
     @property
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
-        return sum(a.capacity for a in self.arrays.values())
+        return self.arrays.bytes
+
+    @property
+    def kernels(self) -> list[str]:
+        """Names of the kernels that a step launches, in order."""
+        launches = list(self._finish_and_start.launches)
+        if self.neighbours is not None:
+            launches += self._contact.launches + self._evaluate.launches
+        return [x.kernel.key.split("__")[-1] for x in launches]
 
     def restore(self, name: str, value: NDArray, shape: tuple[int, ...]) -> None:
         """Overwrite an array, bit by bit, by one that was kept; one that is not there is made."""
         if name not in self.arrays:
-            self._shapes[name] = shape
+            self.arrays.shapes[name] = shape
             dtype = wp.dtype_from_numpy(value.dtype)
             self.arrays[name] = wp.array(value, dtype=dtype, device=self.device)
             return
@@ -576,9 +671,6 @@ class Step:
         flow = self._flow_passes()
         if self.model.element_law is not None:
             forces, flow = self._creep_passes()
-        self._settle: Passes | None = None
-        if self.model.listed_bonds is not None:
-            self._settle = self._bind_settle()
         if self.model.criteria:
             fracture = self._fracture_passes()
             self._bind_break()
@@ -607,26 +699,25 @@ class Step:
         (s, k), m = self._space, self.model
         assert self.neighbours is not None and m.contact is not None
         rows, walls = self.neighbours.rows, len(m.walls)
-        restitution = m.contact.restitution
-        bounces = restitution < 1.0
+        restitution, touch = m.contact.restitution, m.touch
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
-        is_hertz = m.contact.is_hertz
-        is_periodic = m.contact_period is not None
         welding = m.contact.welding
-        welds = welding is not None
         weld_numbers = {x: getattr(welding, x.removeprefix("weld_"), 0.0) for x in WELD_NUMBERS}
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic, welds, walls > 0)
-        place = {"first_place": (m.features.slots - 1) * m.elements}
+        law, on_walls = contact_forces(s, k, touch, walls > 0), wall_forces(s, k, kinds, touch)
+        place = {"first_place": (m.features.slots - 1) * m.elements, "kinds": m.kinds}
         mu, both = coulomb(m.contact.friction), []
+        own = {"rolling": m.contact.rolling_friction, "twisting": m.contact.twisting_friction}
         # at the end of a step the box is where it was to go, but else where it was before
         after = {"contact_box_after": self.arrays.get("contact_box")}
         still = {"contact_box": self.arrays.get("contact_box_before")}
-        for dt, sides in ((self.dt, {}), (0.0, still)):
-            passes = [self._bind(law, rows, dt=dt, friction=mu, **place, **sides, **weld_numbers)]
+        # at given places nothing moves that a dashpot would resist
+        for dt, damping, sides in ((self.dt, m.contact.damping_ratio, {}), (0.0, 0.0, still)):
+            numbers = {"dt": dt, "damping": damping, **place}
+            more = {"friction": mu, **own, **weld_numbers}
+            passes = [self._bind(law, rows, **more, **numbers, **sides)]
             if walls:
-                on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
-                passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
+                passes.append(self._bind(on_walls, rows, **numbers, **given))
             both.append(self._passes(passes))
         self._contact, self._contact_still = both
         impulses = {
@@ -636,11 +727,11 @@ class Step:
 
         def settle(share: float) -> list[Launched]:
             numbers = {"restitution": restitution, "share": share}
-            law = contact_settle(s, k, bounces, is_periodic)
+            law = contact_settle(s, k, touch)
             paid = [self._bind(law, rows, dt=self.dt, **numbers, **still, **after)]
             if walls:
-                on_walls = wall_settle(s, k, kinds, bounces)
-                paid.append(self._bind(on_walls, rows, **numbers, **given))
+                law = wall_settle(s, k, kinds, touch)
+                paid.append(self._bind(law, rows, **numbers, **given))
             return paid
 
         half = 0.5 * self.dt
@@ -655,10 +746,10 @@ class Step:
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        law = contact_energies(s, k, m.rubs, is_hertz, is_periodic, welds)
+        law = contact_energies(s, k, touch)
         passes = [self._bind(law, rows, **still)]
         if walls:
-            passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
+            passes.append(self._bind(wall_energies(s, k, kinds, touch), rows, **given))
         self._contact_energies = self._passes(passes)
 
     def _damping_passes(self) -> list[Launched]:
@@ -1043,9 +1134,11 @@ class Step:
         if self._slack > 0.0:  # faces that friction holds are the stiffest
             friction = HOLDS
         ages = m.faces_rub and m.ages and self._slack == 0.0
+        by_kind = m.faces_rub and m.contact_kind is not None and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, ages, self._touch_law),
-            evm_closing(s, k, f.faces.has_slip),
+            facet_closing(s, k, f.faces, m.faces_rub, ages, by_kind, self._touch_law),
+            evm_closing(s, k, f.faces.has_slip, m.faces_rub, ages, by_kind),
+            kinds=m.kinds,
             slack=self._slack,
             friction=friction,
             dt=dt,
@@ -1100,7 +1193,7 @@ class Step:
             facet_closing_energies(
                 s, k, m.features.faces, m.faces_rub, self._touch_law, near, self._simd
             ),
-            evm_closing_energies(s, k, m.features.faces.has_slip, near, self._simd),
+            evm_closing_energies(s, k, m.features.faces.has_slip, m.faces_rub, near, self._simd),
             near=near,
             rows=self.arrays["patch_rows"] if near else None,
         )
@@ -1208,9 +1301,7 @@ class Step:
             raised = bool(flag.numpy()[0])
             flag.zero_()
             return raised
-        if name not in self._flags:
-            self._flags[name] = flag.numpy()  # a view of the same memory
-        view = self._flags[name]
+        view = self._view(name)
         raised, view[0] = bool(view[0]), 0
         return raised
 
@@ -1220,15 +1311,24 @@ class Step:
         if not array.device.is_cpu:
             self.upload(name, values)
             return
-        if name not in self._flags:
-            self._flags[name] = array.numpy()  # a view of the same memory
-        self._flags[name][:] = values
+        self._view(name)[:] = values
 
     def _taken(self, *names: str) -> float:
         return sum(self._sum(name) for name in names if name in self.arrays)
 
     def _sum(self, name: str) -> float:
-        return float(self.arrays[name].numpy().sum(dtype=np.float64))
+        return float(self.look(name).sum(dtype=np.float64))
+
+    def look(self, name: str) -> NDArray:
+        """An array's flat values to be read at once: its memory itself on a CPU, else a copy."""
+        return self._view(name) if self.device == "cpu" else self.arrays[name].numpy()
+
+    def _view(self, name: str) -> NDArray:
+        """An array's memory itself, on a CPU."""
+        array, known = self.arrays[name], self._views.get(name)
+        if known is None or known[0] is not array:
+            known = self._views[name] = array, array.numpy()
+        return known[1]
 
     def _nothing(self, array_type: wp.array) -> wp.array:
         """An array that stands for one that a kernel does not use.
@@ -1262,5 +1362,6 @@ class Step:
 def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Force [N] and torque [N m] that the bonds exert on every element, summed in float64."""
     slots, n = step.model.features.slots, step.model.elements
-    force, torque = (step.download(x).astype(np.float64) for x in ("end_force", "end_torque"))
-    return force.reshape(slots, n, -1).sum(axis=0), torque.reshape(slots, n, -1).sum(axis=0)
+    ends = (step.look(x).reshape(slots, n, -1) for x in ("end_force", "end_torque"))
+    force, torque = (x.sum(axis=0, dtype=np.float64) for x in ends)
+    return force, torque

@@ -2,9 +2,12 @@
 
 from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
+from .crushed_grain import CrushedGrain, CrushedGrainResult, crushed_grain
+from .drop import Drop, DropResult, drop
 from .envelope import Envelope, strength_envelope
 from .heterogeneous import Heterogeneous, HeterogeneousResult, heterogeneous
 from .impact import Impact, ImpactResult, impact
+from .indentation import Indentation, IndentationResult, indentation
 from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
@@ -21,11 +24,17 @@ __all__ = [
     "Brazilian",
     "Compression",
     "Confined",
+    "CrushedGrain",
+    "CrushedGrainResult",
+    "Drop",
+    "DropResult",
     "Envelope",
     "Heterogeneous",
     "HeterogeneousResult",
     "Impact",
     "ImpactResult",
+    "Indentation",
+    "IndentationResult",
     "Kalthoff",
     "KalthoffResult",
     "ModeI",
@@ -45,8 +54,11 @@ __all__ = [
     "brazilian",
     "compression",
     "confined",
+    "crushed_grain",
+    "drop",
     "heterogeneous",
     "impact",
+    "indentation",
     "kalthoff",
     "material_strength",
     "mode_i",

@@ -31,6 +31,7 @@ from .shared import (
     UNITS,
     Observers,
     Result,
+    Rolling,
     Say,
     build,
     foreseen,
@@ -42,7 +43,6 @@ from .shared import (
 PLANES = ("stress", "strain", "space")
 PACKINGS = ("voronoi", "hexagonal", "fcc")
 PAST = 1.25  # times the strain at the peak: then a run is over
-TURNED = 1.4  # rad: a loose element that rolls on would turn its faces inside out
 LONGEST = 1.25  # times the load's way to the criterion's strength: then the run is over
 UNEXPLAINED = 1e-3  # of the energy: more is told
 ELASTIC = (0.1, 0.5)  # of the peak: where moduli are read, if no more than
@@ -268,7 +268,7 @@ def rock_test(
     )
     history = rig.history
     sim.observe(history)
-    sim.observe(_Rolling())
+    sim.observe(Rolling())
     likely = round(rig.loading / sim.dt)
     say(
         f"{foreseen(sim, likely)}; the criterion breaks at "
@@ -339,27 +339,10 @@ def check_breaks(strength: float, p: Rock) -> float:
     return strength
 
 
-class _Rolling:
-    """Ends a run in which a loose element rolls.
-
-    Unlinked pairs touch along the mean of the normals that both carry, which is none where these
-    are opposite: beyond half a turn the energy of a contact means nothing.
-    """
-
-    every = 20
-
-    def observe(self, sim: Simulation) -> None:
-        if np.linalg.norm(sim.rotation, axis=1).max() > TURNED:
-            sim.stop()
-
-    def finish(self, sim: Simulation) -> None:
-        pass
-
-
 class _Film:
     """When the film has a frame: evenly while the load grows, and whenever bonds have broken."""
 
-    have_records = True  # which a checkpoint keeps
+    has_records = True  # which a checkpoint keeps
 
     def __init__(self, steps: int, bonds: int, frames: int) -> None:
         self.every, self.many = max(1, 2 * steps // frames), max(1, bonds // (8 * frames))

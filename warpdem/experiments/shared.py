@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict
 
+import numpy as np
+
 from .. import criteria
 from ..checkpoint import Checkpoint
 from ..criteria import Criterion
@@ -18,6 +20,7 @@ from ..write.record import describe_machine
 from ..write.whole import write_json
 
 Say = Callable[[str], None]
+TURNED = 1.4  # rad: a loose element that rolls on would turn its faces inside out
 CHECKPOINT = "checkpoint.npz"  # in the folder of a run, while it is not complete
 # makes further observers of a run, of the simulation and what the experiment measures
 Observers = Callable[[Simulation, Any], list[Observer]]
@@ -153,6 +156,24 @@ def write_record(
         "machine": describe_machine(),
     }
     write_json(where / "run.json", record)
+
+
+class Rolling:
+    """Ends a run in which a loose element rolls.
+
+    Unlinked pairs touch along the mean of the normals that both carry, which is none where these
+    are opposite: beyond half a turn the energy of a contact means nothing.
+    """
+
+    every = 20
+
+    def observe(self, sim: Simulation) -> None:
+        """Look at the turns."""
+        if np.linalg.norm(sim.rotation, axis=1).max() > TURNED:
+            sim.stop()
+
+    def finish(self, sim: Simulation) -> None:
+        """Nothing is left to do."""
 
 
 def read_criterion(text: str) -> Criterion:

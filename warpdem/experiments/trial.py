@@ -8,14 +8,18 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
+from .. import packing
 from ..checkpoint import Checkpoint
 from ..observe import FragmentTracker, Series
+from ..packing import Packing
 from ..scene import Scene
-from ..simulation import Simulation
+from ..simulation import Observer, Simulation
 from ..write.chart import Chart
 from ..write.whole import folder, write_csv
 from .shared import UNITS, Result, build, foreseen, run_numbers, silent, write_record
@@ -36,7 +40,7 @@ class Stage:
 
     until [s]: when the run is over; size: of the bodies, in words; columns: of the series, with
     their units; damping: local; start: brings the simulation to its start; shows: the field that
-    colours the USD scene.
+    colours the USD scene; ends: observers that may end the run earlier.
     """
 
     scene: Scene
@@ -48,6 +52,7 @@ class Stage:
     start: Callable[[Simulation], None] = _at_once
     shows: str = "von_mises"
     dt: float | None = None
+    ends: tuple[Observer, ...] = ()
     series: Series = field(init=False)
 
     def __post_init__(self) -> None:
@@ -105,6 +110,16 @@ class TrialResult(Result):
         raise NotImplementedError
 
 
+def lattice_disc(diameter: float, spacing: float, plane: str) -> Packing:
+    """A disc cut from a hexagonal lattice, about the origin, with rows along x."""
+    edge = diameter + 4.0 * spacing
+    p = packing.hexagonal((edge, edge), spacing, plane)
+    middle = 0.5 * (p.position.min(axis=0) + p.position.max(axis=0))
+    middle = p.position[np.argmin(np.linalg.norm(p.position - middle, axis=1))]
+    p = replace(p, position=p.position - middle)
+    return p.without(np.linalg.norm(p.position, axis=1) > 0.5 * diameter)
+
+
 def run_trial(
     p: Trial,
     *,
@@ -146,6 +161,8 @@ def run_trial(
     pieces = None
     stage.series.every = max(1, steps // ROWS)
     sim.observe(stage.series)
+    for end in stage.ends:
+        sim.observe(end)
     if BREAKING[0] in p.files:
         pieces = FragmentTracker(max(1, steps // LOOKS))
         sim.observe(pieces)

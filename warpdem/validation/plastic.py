@@ -459,7 +459,7 @@ def fine_thick_cylinder() -> Iterator[Measurement]:
     yield from _cylinders(20.0, 40.0)
 
 
-def _hill(c: float, a: float, b: float) -> float:
+def hill(c: float, a: float, b: float) -> float:
     """Pressure on the wall over the yield stress when the plastic zone reaches radius c (Hill)."""
     return (1.0 - (c / b) ** 2 + 2.0 * log(c / a)) / sqrt(3.0)
 
@@ -467,20 +467,20 @@ def _hill(c: float, a: float, b: float) -> float:
 def _cylinders(coarse: float, fine: float) -> Iterator[Measurement]:
     errors = {}
     for a in (coarse, fine):
-        cylinder = _widened(a)
+        cylinder = widened(a)
         where = f"a = {a:g}"
         inner, b, p, c = cylinder.inner, cylinder.outer, cylinder.pressure, cylinder.zone
         # cells flow by their mean stress, half a spacing inside: back to the wall on a parabola
         early = (c >= inner + 0.5) & (c <= 1.2 * inner)
         fit = np.polyfit(c[early] - inner, p[early], 2)
-        exact, found = _hill(inner, inner, b), float(fit[-1])
+        exact, found = hill(inner, inner, b), float(fit[-1])
         first_error = abs(found / exact - 1.0)
         what = f"pressure at first yield over sigma_y, {where}"
         yield Measurement(what, exact, "(1 - a^2/b^2)/sqrt(3)", found, first_error, 0.04)
         curve = 0.0
         for share in (1.2, 1.4, 1.6, 1.8):
             at = int(np.argmax(c >= share * inner))
-            exact, found = _hill(c[at], inner, b), float(p[at])
+            exact, found = hill(c[at], inner, b), float(p[at])
             error = abs(found / exact - 1.0)
             curve = max(curve, error)
             what = f"pressure over sigma_y where c = {share:g} a, {where}"
@@ -512,7 +512,8 @@ class Cylinder:
 
 
 @cache
-def _widened(a: float) -> Cylinder:
+def widened(a: float, precision: str = "float64") -> Cylinder:
+    """A cylinder of inner radius a [spacings] and outer radius 2 a, widened from inside."""
     sy, b, time, looks = 1e-3 * G, 2.0 * a, 60.0 * a, 300
     p = packing.voronoi(packing.Ring(a - 1.0, b), 1.0)
     wall = p.side("inner")
@@ -526,7 +527,7 @@ def _widened(a: float) -> Cylinder:
     speed = 1.6 * sy / sqrt(3.0) / (2.0 * G) * b**2 / time
     scene.set_velocity(body, speed * lame[:, None] * outwards)
     scene.hold(body, wall, speed * lame[wall, None] * outwards[wall])
-    sim = Simulation(scene)
+    sim = Simulation(scene, precision=precision)
     # the wall's pressure: of bonds that cross it, along the radius of their middle
     i, j = sim.bonds.T
     crossing = wall[i] != wall[j]
@@ -573,7 +574,7 @@ def pressed_ring() -> Iterator[Measurement]:
     for part in (0.9, 0.96):
         sim.run(until=part * time)
         zone = sqrt(a**2 + p.volume[sim.plastic_strain > 0.0].sum() / pi)
-        exact, found = _hill(zone, a, b), part * most
+        exact, found = hill(zone, a, b), part * most
         error = abs(found / exact - 1.0)
         what = f"pressure over sigma_y where c = {zone / a:.3g} a"
         yield Measurement(what, exact, "Hill", found, error, 0.04)

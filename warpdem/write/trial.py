@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
+from ..errors import Array
 from ..observe import piece_of
 from ..wall import Box, Plane, Sphere, rotated
 from .chart import Chart
@@ -81,6 +82,8 @@ def draw_bodies(ax: Axes, sim: Simulation) -> None:
     ax.add_collection(
         PolyCollection(cells, facecolors=colour[piece], edgecolors="white", linewidths=0.2)
     )
+    cracks = LineCollection(_broken_faces(sim, factor), colors="darkred", linewidths=0.9)
+    ax.add_collection(cracks)
     edge = factor * max(b.packing.spacing for b in sim.scene.bodies)
     inner = np.percentile(factor * sim.position, [1.0, 99.0], axis=0)
     corner = np.concatenate(cells)
@@ -94,6 +97,23 @@ def draw_bodies(ax: Axes, sim: Simulation) -> None:
         xlabel=f"x [{unit}]", ylabel=f"y [{unit}]",
         title=_count(size, sim.time),
     )  # fmt: skip
+
+
+def _broken_faces(sim: Simulation, factor: float) -> list[Array]:
+    """Faces of broken bonds as lines, on the first element of each."""
+    packings = [body.packing for body in sim.scene.bodies]
+    arm = np.concatenate([p.arms[:, 0] for p in packings if p.arms is not None])
+    n = np.concatenate([p.bond_vector / p.bond_length[:, None] for p in packings])
+    size = np.concatenate([p.area / p.thickness for p in packings if p.area is not None])
+    half = 0.5 * size[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
+    log = sim.broken_bonds()
+    return [
+        factor * (sim_x + rotated(q, np.stack([a - h, a + h])))
+        for sim_x, q, a, h in zip(
+            sim.position[log["i"]], sim.orientation[log["i"]], arm[log["bond"]], half[log["bond"]],
+            strict=True,
+        )
+    ]  # fmt: skip
 
 
 def _count(size: NDArray[np.int64], time: float) -> str:

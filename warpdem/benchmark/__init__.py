@@ -1,0 +1,1 @@
+"""Speed and error measured together: scenes, timing, and cases whose answer is known."""

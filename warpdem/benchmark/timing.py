@@ -1,0 +1,73 @@
+"""Times on a machine that does other things as well: in turns, medians and minima."""
+
+import os
+import platform
+import re
+import time
+from collections.abc import Callable, Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..simulation import Simulation
+from ..write.record import describe_machine
+
+
+def about() -> dict[str, Any]:
+    """Machine, versions, date, and how busy the machine is with other things."""
+    info = Path("/proc/cpuinfo")
+    model = re.search(r"model name\s*:\s*(.+)", info.read_text()) if info.exists() else None
+    return {
+        **describe_machine(),
+        "processor": model[1] if model else platform.processor(),
+        "cores": os.cpu_count(),
+        "load": list(os.getloadavg()) if hasattr(os, "getloadavg") else [],
+        "date": date.today().isoformat(),
+    }
+
+
+def spread(values: list[float]) -> dict[str, float]:
+    """Median, least and greatest."""
+    return {
+        "median": float(np.median(values)),
+        "least": float(min(values)),
+        "greatest": float(max(values)),
+    }
+
+
+def in_turns(runs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, dict[str, float]]:
+    """Call each in turn, and all again, so that what disturbs one disturbs the others.
+
+    Each returns seconds; what comes back is their spread by name.
+    """
+    found: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(rounds):
+        for name, run in runs.items():
+            found[name].append(run())
+    return {name: spread(values) for name, values in found.items()}
+
+
+def seconds_a_step(sim: Simulation, seconds: float = 0.2) -> Callable[[], float]:
+    """A function that steps a warm simulation for about so long and returns seconds a step."""
+    sim.run(steps=2)  # every graph is captured
+    began = time.perf_counter()
+    sim.run(steps=2)
+    steps = max(2, min(2000, round(2 * seconds / (time.perf_counter() - began))))
+
+    def run() -> float:
+        began = time.perf_counter()
+        sim.run(steps=steps)
+        return (time.perf_counter() - began) / steps
+
+    return run
+
+
+def rates(seconds: dict[str, float], elements: int) -> dict[str, float]:
+    """Element-steps a second, from a spread of seconds a step."""
+    return {
+        "median": elements / seconds["median"],
+        "least": elements / seconds["greatest"],
+        "greatest": elements / seconds["least"],
+    }
