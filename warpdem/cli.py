@@ -537,6 +537,21 @@ def validate(
 
 
 @app.command()
+def film(
+    scene: Annotated[Path, typer.Argument(help="A USD scene that a run wrote.")],
+    out: Annotated[
+        Path | None, typer.Option(help=".gif, or .png for a sequence; by default beside it.")
+    ] = None,
+    pixels: Annotated[int, typer.Option(help="Along the longer edge.")] = 640,
+) -> None:
+    """Make a film from a USD scene, as its camera sees it."""
+    from .write.film import write_film
+
+    path = out or scene.with_suffix(".gif")
+    console.print(f"{write_film(scene, path, pixels)} frames: {path}")
+
+
+@app.command()
 def bench(
     size: Annotated[
         int, typer.Option(help="Elements of the bodies whose steps are timed.")

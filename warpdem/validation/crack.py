@@ -108,17 +108,13 @@ def mode_i_overload_and_resolution() -> Iterator[Measurement]:
 
 @case("crack", slow=True)
 def kalthoff_winkler() -> Iterator[Measurement]:
-    """Kalthoff and Winkler's plate: angle and start of the crack, on lattice and random cells."""
-    plates = {
-        "hexagonal, rows along x": Kalthoff(spacing=5e-4, packing="hexagonal"),
-        **{f"voronoi, seed {n}": Kalthoff(seed=n) for n in range(3)},
-    }
-    for what, plate in plates.items():
-        found = kalthoff(plate)
+    """Kalthoff and Winkler's plate: angle and start of the crack on random cells."""
+    for seed in range(3):
+        found, what = kalthoff(Kalthoff(seed=seed)), f"seed {seed}"
         angle, source = found.angle_degrees, "Kalthoff and Winkler 1988"
         yield Measurement(f"angle, {what}", 67.5, source, angle, abs(angle - 67.5), 7.0)
         start = found.start_time * 1e6
-        yield _between(f"start [us], {what}", start, 20.0, 29.0, "Borden 2012, Belytschko 2003")
+        yield _between(f"start in us, {what}", start, 20.0, 29.0, "Borden 2012, Belytschko 2003")
         yield _below(f"median speed over c_R, {what}", found.median_over_rayleigh, 0.6, "as before")
 
 
@@ -128,7 +124,7 @@ def glass_plate_branches() -> Iterator[Measurement]:
     found = [branching(Branching(seed=seed)) for seed in range(4)]
     onset = mean(r.branching_time for r in found) * 1e6
     low, high = 0.85 * 32.0, 1.15 * 37.0
-    yield _between("onset [us], mean of four seeds", onset, low, high, "Borden 2012, 15 %")
+    yield _between("onset in us, mean of four seeds", onset, low, high, "Borden 2012, 15 %")
     for seed, r in enumerate(found):
         what = f"speed over c_R before it, seed {seed}"
         yield _below(what, r.before_over_rayleigh, 0.65, "Borden 2012")
@@ -169,6 +165,6 @@ def single_precision_ensembles() -> Iterator[Measurement]:
         energies.append(mean(float(r.crack.log["released_energy"].sum()) for r in runs))
     for what, (double, single), limit in (
         ("mean speed over c_R", speeds, 0.02),
-        ("mean energy that breaks removed [J]", energies, 0.005),
+        ("mean energy that breaks removed", energies, 0.005),
     ):
         yield Measurement(what, double, "float64", single, abs(single / double - 1.0), limit)
