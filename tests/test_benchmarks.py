@@ -79,6 +79,7 @@ def test_bench_prints_rates_and_errors():
     assert "+ fracture" in done.stdout and "elastica" in done.stdout
 
 
+@pytest.mark.slow
 def test_errors_fall_with_resolution_at_second_order():
     from warpdem.benchmark import work
 

@@ -44,7 +44,7 @@ def mode_i_speed_and_vortices() -> Iterator[Measurement]:
         yield _below(what, missing, 0.0, "Shilko Fig. 4a")
 
 
-@case("crack")
+@case("crack", slow=True)
 def mode_ii_from_surface() -> Iterator[Measurement]:
     """A shear crack from the free edge of a plate at rest: it speeds up towards P waves."""
     found = mode_ii(ModeII("surface"))

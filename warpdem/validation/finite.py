@@ -393,7 +393,7 @@ def _stretching(dim: int, rate: float) -> Callable[[float], Array]:
     return path
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_renewed() -> Iterator[Measurement]:
     """Pure shear to a logarithmic strain of 1 with faces renewed at slips of 0.3, and without."""
     rate = 2e-3
