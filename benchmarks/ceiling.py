@@ -19,7 +19,13 @@ import numpy as np
 import warpdem as wd
 
 SOURCE = Path(__file__).with_suffix(".cpp")
-FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC", "-std=c++17")
+# what -ffast-math allows, without its start-up code, which sets all of the process to flush
+# subnormals to zero: SciPy's trees then recurse without end
+MATH = (
+    *("-fno-math-errno", "-fno-trapping-math", "-ffinite-math-only", "-fno-signed-zeros"),
+    *("-fassociative-math", "-freciprocal-math"),
+)
+FLAGS = ("-O3", "-march=native", *MATH, "-fopenmp", "-shared", "-fPIC", "-std=c++17")
 NAMES = (
     *("displacement", "orientation", "velocity", "angular_velocity", "end_force", "end_torque"),
     *("inverse_mass", "inverse_inertia", "evm_direction", "evm_length", "evm_offset"),

@@ -172,7 +172,9 @@ class UsdWriter:
         self._broken = self._define_curves(stage, "broken_bonds", 0.2, (0.85, 0.1, 0.1))
         if self._rods.any():
             self._bonds = self._define_curves(stage, "bonds", 0.3, (0.5, 0.5, 0.55))
-        _define_camera(stage, in_space(sim.position), sim.model.features.dim)
+        # of the reference state, so that a resumed run has the same
+        start = np.concatenate([p.position for p in packings])
+        _define_camera(stage, in_space(start), sim.model.features.dim)
         self._wall_moves = [
             _define_wall(stage, f"/World/wall_{n}", wall.shape, self._size)
             for n, wall in enumerate(sim.scene.walls)
