@@ -309,7 +309,7 @@ QUICK = {"deadline": None, "derandomize": True, "database": None,
          "suppress_health_check": list(HealthCheck)}  # fmt: skip
 
 
-@settings(max_examples=300, **QUICK)
+@settings(max_examples=100, **QUICK)
 @given(st.data())
 def test_bad_input_is_refused_or_harmless(data):
     check(data)

@@ -22,6 +22,7 @@ def run(script, *options):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_throughput_runs(tmp_path):
     run("throughput.py", "--output", tmp_path / "t.json")
     found = json.loads((tmp_path / "t.json").read_text())
@@ -29,6 +30,7 @@ def test_throughput_runs(tmp_path):
     assert found["crack"]["elements"] > 30_000
 
 
+@pytest.mark.slow
 def test_scenes_runs(tmp_path):
     run("scenes.py", "--output", tmp_path / "s.json")
     found = json.loads((tmp_path / "s.json").read_text())
@@ -37,6 +39,7 @@ def test_scenes_runs(tmp_path):
         assert row["kernels"] == ["move", "face_dilation", "volume_stresses", "facet_forces"]
 
 
+@pytest.mark.slow
 def test_speed_vs_error_runs_and_draws(tmp_path):
     picture = tmp_path / "p.png"
     run("speed_vs_error.py", "--output", tmp_path / "v.json", "--picture", picture)
@@ -48,6 +51,7 @@ def test_speed_vs_error_runs_and_draws(tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_start_and_report_run(tmp_path):
     run("start.py", "--output", tmp_path / "start.json")
     run_report = [sys.executable, str(FOLDER / "report.py"), "--folder", str(tmp_path)]
@@ -67,6 +71,7 @@ def test_the_page_is_that_of_the_files(tmp_path):
     assert page.read_text() == (FOLDER.parent / "docs" / "performance.md").read_text()
 
 
+@pytest.mark.slow
 def test_bench_prints_rates_and_errors():
     command = [sys.executable, "-m", "warpdem", "bench", "--size", "300"]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -74,6 +79,7 @@ def test_bench_prints_rates_and_errors():
     assert "+ fracture" in done.stdout and "elastica" in done.stdout
 
 
+@pytest.mark.slow
 def test_errors_fall_with_resolution_at_second_order():
     from warpdem.benchmark import work
 

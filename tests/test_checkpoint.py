@@ -208,11 +208,10 @@ OLD = (facets, space, evm, softening, incubating, plastic, breaking_plastic, fin
 MAKES = (*OLD, tools, hertz, ageing, healing, renewing)
 BREAKING = (facets, space, evm, prony, contact, tools, hertz, ageing, healing)
 LENGTH = {renewing: 260, healing: 140, hertz: 36}  # steps
-RARE = {(hertz, "float32"), (hertz, "mixed"),
-        (ageing, "mixed"), (healing, "float32"), (tools, "mixed")}  # fmt: skip
+QUICK = {(facets, "float32"), (evm, "mixed"), (contact, "float32")}  # beside float64
 CASES = [
     pytest.param(make, x, id=f"{make.__name__}-{x}",
-                 marks=[pytest.mark.slow] if (make, x) in RARE else [])
+                 marks=[] if x == "float64" or (make, x) in QUICK else [pytest.mark.slow])
     for make in MAKES for x in ("float64", "float32", "mixed")
 ]  # fmt: skip
 

@@ -11,7 +11,14 @@ ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+LONG = ("taylor_bar", "porous_ceramic", "lamb", "thick_cylinder")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=[pytest.mark.slow] if p.stem in LONG else []) for p in EXAMPLES],
+    ids=lambda p: p.stem,
+)
 def test_example(path, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(path), run_name="__main__")
@@ -95,7 +102,7 @@ def test_files_script(tmp_path, monkeypatch, capsys):
 
 def test_contact_scripts(tmp_path, monkeypatch, capsys):
     page = (ROOT / "docs" / "contact.md").read_text()
-    touching, healing, tool = re.findall(r"```python\n(.*?)```", page, re.S)
+    touching, healing, welding, tool = re.findall(r"```python\n(.*?)```", page, re.S)
     monkeypatch.chdir(tmp_path)
     exec(compile(touching, "contact.md", "exec"), {})
     count, force, slipped, error = map(float, capsys.readouterr().out.split())
@@ -107,6 +114,11 @@ def test_contact_scripts(tmp_path, monkeypatch, capsys):
     exec(compile(touching.replace(plain, healing), "contact.md", "exec"), names)
     assert len(names["sim"].relinked_bonds()) > 0
     assert abs(float(capsys.readouterr().out.split()[-1])) < 1e-4
+    plain = "scene.contact(friction=0.4, restitution=0.8)\n"
+    assert plain in touching
+    exec(compile(touching.replace(plain, welding), "contact.md", "exec"), names)
+    assert names["sim"].scene.contacts.welding.strength == 5e6
+    capsys.readouterr()
     exec(compile(tool, "contact.md", "exec"), {})
     across, along, torque, work, error = map(float, capsys.readouterr().out.split())
     assert 0.5e6 < along < 1.1e6

@@ -81,7 +81,7 @@ def test_the_crack_at_a_notch():
 def kalthoff(tmp_path_factory):
     """A coarse plate and its folder."""
     out = tmp_path_factory.mktemp("kalthoff")
-    p = wd.experiments.Kalthoff(spacing=2.5e-3, packing="voronoi")
+    p = wd.experiments.Kalthoff(spacing=2.5e-3)
     return wd.experiments.kalthoff(p, out=out), out
 
 
@@ -117,6 +117,35 @@ def test_branching_at_a_high_load():
     assert high.start_time < low.start_time
     assert high.start_time < high.branching_time < soda.duration
     assert 0.2 < high.before_over_rayleigh < 1.0
+
+
+def test_uneven_strength_slows_a_crack():
+    coarse = wd.experiments.Heterogeneous(spacing=4e-5)
+    uneven = wd.experiments.heterogeneous(coarse)
+    even = wd.experiments.heterogeneous(replace(coarse, weibull=np.inf))
+    assert uneven.broken_bonds > 1.2 * even.broken_bonds
+    assert uneven.speed_over_rayleigh < 0.98 * even.speed_over_rayleigh < 0.95
+
+
+def test_inclusions_lie_apart_and_are_tougher():
+    p = wd.experiments.Heterogeneous(
+        spacing=4e-5, weibull=np.inf, inclusions=0.2, inclusion_size=2e-4, inclusion_strength=3.0
+    )
+    centre = p.centres()
+    area = len(centre) * 0.25 * np.pi * p.inclusion_size**2
+    assert area == pytest.approx(0.2 * p.size[0] * p.size[1], rel=0.05)
+    away = np.linalg.norm(centre[:, None] - centre, axis=2) + np.eye(len(centre))
+    assert away.min() > p.inclusion_size
+    _, body = p.build(p.fill())
+    free = np.isfinite(body.strength_factor)
+    tough = free & (body.strength_factor > 2.5)
+    assert tough.sum() / free.sum() == pytest.approx(0.2, abs=0.06)
+    even = replace(p, inclusions=0.0)
+    # scatter leaves the mean strength as it was
+    _, scattered = replace(even, weibull=5.0).build(even.fill())
+    plain = even.build(even.fill())[1].strength_factor
+    ratio = scattered.strength_factor[np.isfinite(plain)] / plain[np.isfinite(plain)]
+    assert ratio.mean() == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize(

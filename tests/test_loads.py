@@ -170,7 +170,11 @@ def test_unlike_neighbours_share_a_face_of_its_own():
     ("name", "limit"),
     # On a lattice faces are in the middle of their bonds: exact but for what the surface does,
     # which dies out (materials differ by 1e-9). Voronoi faces are off the centre line: 1 %.
-    [("hexagonal", 1e-4), ("fcc", 1e-4), ("voronoi", 0.012)],
+    [
+        ("hexagonal", 1e-4),
+        pytest.param("fcc", 1e-4, marks=pytest.mark.slow),
+        ("voronoi", 0.012),
+    ],
 )
 def test_faces_of_their_own_in_uniform_strain(name, limit):
     size = (12.0, 12.0, 12.0) if name == "fcc" else (22.0, 22.0)

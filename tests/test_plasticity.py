@@ -187,6 +187,7 @@ def test_only_scenes_that_yield_pay_for_it():
     assert new == {
         *("flow_elements", "plastic_strain", "plastic_strain_zz", "return_loss", "mean_stiffness"),
         *("mean_stress", "bond_slip", "spring_force", "bond_dissipation", "locked_energy"),
+        *("incidence", "element_coupling", "bond_area"),  # which only flow reads here
     }
     assert (elastic.plastic_strain == 0.0).all()
     again = ["volume_stresses", "facet_forces", "dilation_books"]

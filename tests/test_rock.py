@@ -294,7 +294,14 @@ def test_brazilian_splits_along_the_load():
     assert Brazilian().arc_factor == pytest.approx(0.9596, abs=1e-4)
 
 
-@pytest.mark.parametrize("change", [{}, {"shape": "cylinder"}, {"packing": "fcc"}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        pytest.param({"shape": "cylinder"}, marks=pytest.mark.slow),
+        pytest.param({"packing": "fcc"}, marks=pytest.mark.slow),
+    ],
+)
 def test_tests_in_space(change, tmp_path):
     p = Compression(plane="space", width=7e-3, height=13e-3, **change)
     result = compression(p, out=tmp_path)
@@ -337,6 +344,7 @@ def test_parameters_that_cannot_be_are_refused(make, says):
 # -- envelope and calibration ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_strength_envelope(tmp_path):
     found = strength_envelope(Specimen(**SMALL), (0.0, 10e6), out=tmp_path)
     assert found.confining == pytest.approx([0.0, 10e6])

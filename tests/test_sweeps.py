@@ -44,6 +44,7 @@ def table(out):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_killed_and_failed_runs_are_told_and_run_again(tmp_path):
     out = tmp_path / "sweep"
     given = ("--strain=0.0012,0.07", "--jobs=1")

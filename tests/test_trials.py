@@ -197,6 +197,7 @@ def test_plates_too_thin_are_refused():
 BLOCK = {"width": 30e-3, "height": 15e-3, "spacing": 0.5e-3, "radius": 100e-3, "speed": 4.0}
 
 
+@pytest.mark.slow
 def test_a_tool_presses_as_hertz_says_and_then_the_block_breaks(tmp_path):
     brittle = wd.DruckerPrager(compression=150e6, ratio=10.0)
     result = indentation(Indentation(**BLOCK, depth=60e-6, criterion=brittle), out=tmp_path)
@@ -225,6 +226,7 @@ def test_forces_of_elements_on_a_wall_are_its_force():
 GRAIN = {"diameter": 16e-3, "spacing": 1e-3}
 
 
+@pytest.mark.slow
 def test_a_grain_is_crushed(tmp_path):
     result = crushed_grain(CrushedGrain(**GRAIN, speed=1.0, closing=0.08e-3), out=tmp_path)
     assert 0.3 < result.first_crack_over_strength < 1.2
@@ -234,6 +236,7 @@ def test_a_grain_is_crushed(tmp_path):
     written(result, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_pair_of_grains_keeps_momentum_and_parts(tmp_path):
     broken = crushed_grain(CrushedGrain(**GRAIN, pair=True, speed=4.0), out=tmp_path)
     assert broken.momentum_error < 1e-12
@@ -249,6 +252,7 @@ def test_a_pair_of_grains_keeps_momentum_and_parts(tmp_path):
 # -- drop -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_dropped_body_meets_the_plane_and_falls_into_pieces(tmp_path):
     small = {"diameter": 20e-3, "spacing": 1e-3, "time": 8e-4}
     result = drop(Drop(**small), out=tmp_path)

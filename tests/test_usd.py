@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom, UsdValidation
+from PIL import Image
+from pxr import Gf, Usd, UsdGeom, UsdValidation
 
 import warpdem as wd
 from warpdem.validation import core
+from warpdem.write.film import write_film
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +85,45 @@ def test_nothing_is_left_under_another_name(scene_file):
     assert [f.name for f in scene_file[0].parent.iterdir()] == ["body.usd"]
 
 
+def test_the_camera_sees_all_elements(scene_file):
+    stage = Usd.Stage.Open(str(scene_file[0]))
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/camera"))
+    frustum = camera.GetCamera(0).frustum
+    points = UsdGeom.Points(stage.GetPrimAtPath("/World/elements"))
+    assert all(frustum.Intersects(Gf.Vec3d(*map(float, x))) for x in points.GetPointsAttr().Get(0))
+    assert not frustum.Intersects(Gf.Vec3d(1e3, 0.0, 0.0))
+
+
+def test_a_film_shows_elements_and_cracks(scene_file, tmp_path):
+    """Colours at the places of elements, and red where bonds broke, in the last frame."""
+    path, sim = scene_file
+    assert write_film(path, tmp_path / "film.gif", 200) == 4
+    assert write_film(path, tmp_path / "film.png", 200) == 4
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == 4
+    assert len(list(tmp_path.glob("film_*.png"))) == 4
+    stage = Usd.Stage.Open(str(path))
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/camera"))
+    points = UsdGeom.Points(stage.GetPrimAtPath("/World/elements"))
+    colors = np.array(points.GetDisplayColorPrimvar().Get(0))
+    middle = np.array(camera.ComputeLocalToWorldTransform(0).ExtractTranslation())[:2]
+    width = 0.1 * camera.GetHorizontalApertureAttr().Get()
+    first = np.array(Image.open(tmp_path / "film_0000.png"))
+    last = np.array(Image.open(tmp_path / "film_0003.png"))
+    step = width / first.shape[1]
+    for k in (0, 7, len(colors) - 1):
+        x, y = (np.array(points.GetPointsAttr().Get(0))[k, :2] - middle) / step
+        found = first[int(0.5 * first.shape[0] - y), int(0.5 * first.shape[1] + x)]
+        assert found == pytest.approx(255.0 * colors[k], abs=1.0)
+    red = (217, 26, 26)
+    assert not (first == red).all(axis=2).any()
+    assert (last == red).all(axis=2).any() and len(sim.broken_bonds())
+    with pytest.raises(wd.InputError, match=r"must end in \.gif"):
+        write_film(path, tmp_path / "film.mp4")
+    with pytest.raises(wd.InputError, match="there is no file"):
+        write_film(tmp_path / "none.usd", tmp_path / "film.gif")
+
+
 def test_bad_targets_are_refused(tmp_path):
     with pytest.raises(wd.InputError, match=r"must end in \.usd"):
         wd.UsdWriter(tmp_path / "scene.obj")
@@ -145,3 +186,5 @@ def test_bonds_of_a_network_are_curves(tmp_path):
     assert list(curves.GetCurveVertexCountsAttr().Get(2)) == [2] * len(rod.bonds)
     ends = np.array(curves.GetPointsAttr().Get(2)).reshape(-1, 2, 3)
     assert ends == pytest.approx(sim.position[rod.bonds], rel=1e-6, abs=1e-6)
+    frustum = UsdGeom.Camera(stage.GetPrimAtPath("/World/camera")).GetCamera(0).frustum
+    assert all(frustum.Intersects(Gf.Vec3d(*x)) for x in sim.position.tolist())

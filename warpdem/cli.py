@@ -451,6 +451,14 @@ def _branching_closing(result: experiments.BranchingResult) -> list[str]:
     return lines
 
 
+def _rough_closing(result: experiments.HeterogeneousResult) -> list[str]:
+    return [
+        *_free_closing(result),
+        f"speed along the strip {result.speed_over_rayleigh:.3f} of the Rayleigh speed; roughness "
+        f"{result.roughness_spacings:.2f} spacings, tortuosity {result.tortuosity:.3f}",
+    ]
+
+
 def _free_experiment(
     kind: type[FreeCrack],
     function: Callable[..., Result],
@@ -461,6 +469,7 @@ def _free_experiment(
 
 _free_experiment(experiments.Kalthoff, experiments.kalthoff, _kalthoff_closing)
 _free_experiment(experiments.Branching, experiments.branching, _branching_closing)
+_free_experiment(experiments.Heterogeneous, experiments.heterogeneous, _rough_closing)
 
 
 @app.command()
@@ -525,6 +534,21 @@ def validate(
         write_text(write, as_markdown(checks))
     if missed:
         raise typer.Exit(1)
+
+
+@app.command()
+def film(
+    scene: Annotated[Path, typer.Argument(help="A USD scene that a run wrote.")],
+    out: Annotated[
+        Path | None, typer.Option(help=".gif, or .png for a sequence; by default beside it.")
+    ] = None,
+    pixels: Annotated[int, typer.Option(help="Along the longer edge.")] = 640,
+) -> None:
+    """Make a film from a USD scene, as its camera sees it."""
+    from .write.film import write_film
+
+    path = out or scene.with_suffix(".gif")
+    console.print(f"{write_film(scene, path, pixels)} frames: {path}")
 
 
 @app.command()

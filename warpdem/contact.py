@@ -1,12 +1,15 @@
 """What touches what without a bond: contact among elements, and radii (theory B11)."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from .errors import Array
-from .friction import Friction
+from .friction import Friction, rubs
+from .material import Material
 from .packing import Mask, Packing
 from .relinking import Welding
 
@@ -19,12 +22,52 @@ class Contact:
     restitution: float
     skin: float  # of the list of neighbours, over the median radius
     law: str = "linear"  # or "hertz"
+    restitution_by: str = "opening"  # or "dashpot"
+    rolling_friction: float = 0.0  # moment over that of the normal force about the rolling radius
+    twisting_friction: float = 0.0  # likewise about the normal
+    pairs: Mapping[frozenset[Material], Friction] = field(default_factory=dict)
     welding: Welding | None = None
 
     @property
     def is_hertz(self) -> bool:
         """Whether elements touch as Hertz's spheres."""
         return self.law == "hertz"
+
+    @property
+    def rubs(self) -> bool:
+        """Whether some elements rub on each other."""
+        return any(rubs(law) for law in (self.friction, *self.pairs.values()))
+
+    @property
+    def bounces(self) -> bool:
+        """Whether restitution takes its share where contacts open."""
+        return self.restitution < 1.0 and self.restitution_by == "opening"
+
+    @property
+    def damping_ratio(self) -> float:
+        """Of dashpots that give the restitution, to the critical one; 0 without dashpots."""
+        if self.restitution_by != "dashpot":
+            return 0.0
+        return damping_ratio(self.restitution)
+
+
+def damping_ratio(restitution: float) -> float:
+    """Ratio beta of a contact's dashpot to the critical one that gives a restitution in (0, 1].
+
+    Of an impact that ends when the force has fallen to zero, so that it never pulls,
+    e = exp(-2 beta arccos(beta)/sqrt(1 - beta^2)), which is Schwager and Poschel's (2007, eq. 21)
+    written shortly; beyond 1 with the hyperbolic functions. It is the same by Hertz's law.
+    """
+
+    def lack(beta: float) -> float:
+        root = np.sqrt(abs(1.0 - beta * beta))
+        # of either kind, and 1 where they meet
+        angle = np.arctan2(root, beta) if beta < 1.0 else np.arcsinh(root)
+        return 2.0 * beta * (angle / root if root > 0.0 else 1.0) + np.log(restitution)
+
+    if restitution == 1.0:
+        return 0.0
+    return float(brentq(lack, 0.0, 1.0 / restitution, xtol=1e-15, rtol=1e-14))
 
 
 def touching_radius(packing: Packing) -> Array:

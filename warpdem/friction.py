@@ -1,11 +1,13 @@
 """Laws of friction: Coulomb's number, and rate and state (theory B11)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import Array, InputError, checked, finite, positive
+from .material import Material
 
 LAWS = ("aging", "slip")
 
@@ -66,6 +68,24 @@ def checked_friction(friction: Friction) -> Friction:
     if mu < 0.0:
         raise InputError(f"friction is {mu:g}; give 0 or more.")
     return mu
+
+
+def checked_pairs(
+    pairs: Mapping[tuple[Material, Material], Friction] | None,
+) -> dict[frozenset[Material], Friction]:
+    """Laws of friction between pairs of materials, in either order."""
+    checked: dict[frozenset[Material], Friction] = {}
+    for pair, friction in (pairs or {}).items():
+        if not (
+            isinstance(pair, tuple)
+            and len(pair) == 2
+            and all(isinstance(m, Material) for m in pair)
+        ):
+            raise InputError(f"pairs has the key {pair!r}; give pairs of materials, (a, b).")
+        law = checked_friction(friction)
+        if checked.setdefault(frozenset(pair), law) != law:
+            raise InputError("pairs has two laws for one pair of materials; give it once.")
+    return checked
 
 
 def rubs(friction: Friction) -> bool:

@@ -18,12 +18,14 @@ from .criteria import (
     criterion_of,
 )
 from .errors import Array, InputError, first_ids
-from .friction import RateAndState, coulomb, numbers, rubs
+from .friction import Friction, RateAndState, coulomb, numbers
+from .kernels.contact import Touch
 from .kernels.face import Faces
 from .kernels.fracture import Test
 from .kernels.plastic import Flow
 from .kernels.wall import BOX, CYLINDER, FAR, MESH, PLANE, SPHERE
 from .kernels.wall import NUMBERS as SHAPE_NUMBERS
+from .material import Material
 from .plasticity import Nikolaevsky, Table, YieldLaw
 from .relinking import Healing
 from .scene import Body, History, Scene, StrainHistory
@@ -184,7 +186,7 @@ class Model:
     principal_moment: Array | None = None  # (n, 3)
     principal_axes: Array | None = None  # (n, 4) rotations from the principal axes to the world's
     listed_bonds: Ids | None = None  # bonds that are or may become unlinked
-    closing_shear: Array | None = None  # of the listed facet bonds: 2 G S/r0, where faces rub
+    closing_shear: Array | None = None  # of the listed bonds: 2 G S/r0 or c_t, where faces rub
     closing_stiffness: Array | None = None  # of the listed bonds: k_c = (lambda + 2 G) S / r0 or B1
     listed_elements: Ids | None = None  # elements of the listed bonds
     bond_strength: Array | None = None  # of the listed bonds
@@ -226,7 +228,12 @@ class Model:
     wall_kind: Ids | None = None  # (walls,)
     wall_shape: Array | None = None  # (walls, 8) numbers of each shape
     wall_friction: Array | None = None  # (walls,)
-    friction_numbers: Array | None = None  # (1 + walls, 7) of pairs, of walls, if some have a state
+    wall_rolling: Array | None = None  # (walls,) if any contact resists rolling
+    wall_twisting: Array | None = None  # (walls,) likewise
+    friction_numbers: Array | None = None  # (kinds^2 + walls kinds, 7) likewise of laws with state
+    kinds: int = 1  # of elements, by what they are made of, where friction differs
+    contact_kind: Ids | None = None  # (n,)
+    friction_table: Array | None = None  # (kinds^2 + walls kinds,) Coulomb's, row after row
     wall_first_face: Ids | None = None  # (walls,) of a mesh among all
     face_place: Array | None = None  # (3 faces, 3) corners of all meshes, from their walls' places
     nodes: int = 0  # stored after all other elements
@@ -235,16 +242,40 @@ class Model:
     @property
     def rubs(self) -> bool:
         """Whether contacts have springs across their normals, of friction or of welds."""
-        return self.contact is not None and (
-            self.contact.welding is not None
-            or rubs(self.contact.friction)
-            or any(rubs(wall.friction) for wall in self.walls)
+        welds = self.contact is not None and self.contact.welding is not None
+        return welds or any(side.rubs for side in self._sides)
+
+    @property
+    def rolls(self) -> bool:
+        """Whether contacts resist rolling or twisting."""
+        return any(x.rolling_friction > 0.0 or x.twisting_friction > 0.0 for x in self._sides)
+
+    @property
+    def _sides(self) -> list[Contact | Wall]:
+        """What has friction of its own."""
+        return [*([] if self.contact is None else [self.contact]), *self.walls]
+
+    @property
+    def touch(self) -> Touch:
+        """What contacts have."""
+        assert self.contact is not None
+        return Touch(
+            is_hertz=self.contact.is_hertz,
+            rubs=self.rubs,
+            ages=self.ages,
+            bounces=self.contact.bounces,
+            damps=self.contact.damping_ratio > 0.0,
+            rolls=self.rolls,
+            by_kind=self.contact_kind is not None,
+            welds=self.contact.welding is not None,
+            is_periodic=self.contact_period is not None,
         )
 
     @property
     def faces_rub(self) -> bool:
         """Whether closed faces of unlinked pairs have friction."""
-        return self.contact is not None and rubs(self.contact.friction) and self.facet_listed > 0
+        touches = self.contact is not None and self.contact.rubs
+        return touches and self.listed_bonds is not None
 
     @property
     def ages(self) -> bool:
@@ -365,11 +396,12 @@ def state_arrays(
         state["closing_twist"] = np.zeros((f.slots * n, spins))
         state["any_crossed"] = np.zeros(1, dtype=np.int32)
         if model.faces_rub:
+            listed = len(model.listed_bonds)
             for name in ("closing_slip", "closing_spring"):
-                state[name] = np.zeros((model.facet_listed, f.dim))
-            state["closing_slip_energy"] = np.zeros(model.facet_listed)
+                state[name] = np.zeros((listed, f.dim))
+            state["closing_slip_energy"] = np.zeros(listed)
             if model.ages:
-                state["closing_theta"] = np.zeros(model.facet_listed)
+                state["closing_theta"] = np.zeros(listed)
     if model.contact is not None:
         rows = len(model.contact_elements) if model.contact_elements is not None else 0
         state["contact_moment"] = np.zeros((n, 4 if f.dim == 2 else 6))
@@ -382,7 +414,7 @@ def state_arrays(
             state["contact_box_work"] = np.zeros(rows)
         if model.contact.restitution < 1.0:
             state["restitution_energy"] = np.zeros(rows)
-        if model.rubs:
+        if model.rubs or model.rolls:
             state["slip_energy"] = np.zeros(rows)
         if model.contact.welding is not None:
             state["weld_energy"] = np.zeros(rows)
@@ -405,8 +437,12 @@ def state_arrays(
                 state["wall_spring"] = np.zeros((walls, rows, f.dim))
             if model.ages:
                 state["wall_theta"] = np.zeros((walls, rows))
-            if model.contact.restitution < 1.0:
+            if model.rolls:
+                state["wall_roll"] = np.zeros((walls, rows, spins))
+            if model.touch.bounces:
                 state["wall_opened"] = np.zeros((walls, rows), dtype=np.int32)
+            if model.touch.damps:
+                state["wall_dashpot"] = np.zeros((walls, rows))
     if f.faces.has_rest:
         state |= _healing_arrays(model)
     if f.has_volume:
@@ -880,7 +916,7 @@ def _check_healing(scene: Scene, has_yield: bool, has_creep: bool) -> None:
             "healing is for elastic bodies: links made again do not know of slips that flow or "
             "creep has left; leave yielding and viscous, or healing, out of the scene."
         )
-    touching = scene.contacts is not None and rubs(scene.contacts.friction)
+    touching = scene.contacts is not None and scene.contacts.rubs
     if not touching and any(b.healing is not None and b.healing.work > 0.0 for b in scene.bodies):
         raise InputError(
             "healing after work of slip needs friction: call scene.contact(friction=...), or "
@@ -1498,17 +1534,23 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
             for b in bodies
         ]
         model.contact_compliance = np.append(np.concatenate(yielded), np.ones(model.nodes))
+    if model.features.dim == 2 and any(x.twisting_friction > 0.0 for x in model._sides):
+        raise InputError("in the plane nothing twists; leave twisting_friction out.")
     if model.contact.welding is not None:
         _check_welding(model)
     low, high = model.position[:own].min(axis=0), model.position[:own].max(axis=0)
     model.contact_middle = 0.5 * (low + high)
     model.contact_position = model.position - model.contact_middle
-    laws = [model.contact.friction, *(w.friction for w in model.walls)]
+    laws = _friction_laws(model, bodies)
     if any(isinstance(law, RateAndState) for law in laws):
+        if model.contact.welding is not None:
+            raise InputError(
+                "welding is for Coulomb's friction: leave RateAndState out, of pairs and walls, or "
+                "welding."
+            )
         model.friction_numbers = np.array([numbers(law) for law in laws])
     if model.faces_rub:
-        assert model.facet_stiffness is not None and model.listed_bonds is not None
-        model.closing_shear = model.facet_stiffness[model.listed_bonds[: model.facet_listed]]
+        model.closing_shear = _closing_shear(model, each)
     model.bonded_start, model.bonded, which = bonded_rows(model.own_pairs, elements, own)
     if model.listed_bonds is not None:
         place = np.full(model.bonds, -1, dtype=np.int32)
@@ -1530,6 +1572,44 @@ def _add_contact(model: Model, scene: Scene, each: dict[str, Array]) -> None:
         density = model.mass / model.element_volume
         impedance = radius * width * np.sqrt(density * each["pressure_modulus"])
         model.contact_impedance = float(impedance[elements].sum())
+
+
+def _friction_laws(model: Model, bodies: list[Body]) -> list[Friction]:
+    """Laws of all pairs of kinds of elements, then of each wall with each kind. A scene that tells
+    no materials apart has one kind."""
+    contact, walls = model.contact, model.walls
+    assert contact is not None
+    if not contact.pairs and not any(w.pairs for w in walls):
+        return [contact.friction, *(w.friction for w in walls)]
+    kinds: list[Material] = list(dict.fromkeys(m for b in bodies for m in b.materials))
+    for side in (
+        *(m for pair in contact.pairs for m in pair),
+        *(m for w in walls for m in w.pairs),
+    ):
+        if side not in kinds:
+            raise InputError(f"friction is given for {side}, which no body is of.")
+    kind = [np.array([kinds.index(m) for m in b.materials])[b.grain] for b in bodies]
+    model.contact_kind = np.append(np.concatenate(kind), np.zeros(model.nodes)).astype(np.int32)
+    model.kinds = len(kinds)
+    laws = [contact.pairs.get(frozenset((a, b)), contact.friction) for a in kinds for b in kinds]
+    laws += [w.pairs.get(m, w.friction) for w in walls for m in kinds]
+    model.friction_table = np.array([coulomb(law) for law in laws])
+    return laws
+
+
+def _closing_shear(model: Model, each: dict[str, Array]) -> Array:
+    """Stiffness along the faces of listed bonds [N/m]: k of facet bonds; of EVM bonds, which may
+    have none across, B1 2 G/(lambda + 2 G), as of elements that touch."""
+    assert model.listed_bonds is not None and model.closing_stiffness is not None
+    shear = model.closing_stiffness.copy()
+    facets = model.listed_bonds[: model.facet_listed]
+    if model.facet_stiffness is not None:
+        shear[: model.facet_listed] = model.facet_stiffness[facets]
+    beams = model.listed_bonds[model.facet_listed :]
+    both = np.stack([model.bond_i, model.bond_j])[:, beams]
+    give = [(1.0 / each[x][both]).sum(axis=0) for x in ("pressure_modulus", "two_shear")]
+    shear[model.facet_listed :] *= give[0] / give[1]
+    return shear
 
 
 def _check_welding(model: Model) -> None:
@@ -1576,6 +1656,9 @@ def _add_walls(model: Model) -> None:
     """Walls' shapes as the device knows them."""
     walls, dim = model.walls, model.features.dim
     model.wall_friction = np.array([coulomb(w.friction) for w in walls])
+    if model.rolls:
+        model.wall_rolling = np.array([w.rolling_friction for w in walls])
+        model.wall_twisting = np.array([w.twisting_friction for w in walls])
     model.wall_kind = np.zeros(len(walls), dtype=np.int32)
     model.wall_shape = np.zeros((len(walls), SHAPE_NUMBERS))
     first, corners = np.zeros(len(walls), dtype=np.int32), [np.zeros((0, 3))]

@@ -25,7 +25,8 @@ ROOM = 1.3  # of the list's memory over what it needs when it is made
 SPARE = 4  # neighbours that a row may have more of than in the last list, before it is sought twice
 FARTHEST = 1e8  # places over the size of a cell that the grid can count
 MOST = {2: 1024, 3: 128}  # cells along an axis; they wrap round
-WELDS = "welded", "pressed", "worked"  # what a pair that may weld knows of itself
+# what a pair knows of itself, which goes over to a new list
+HISTORY = ("debt", "spring", "theta", "dashpot", "roll", "welded", "pressed", "worked")
 PER_ROW = 4  # cells for an element at most
 
 
@@ -36,8 +37,8 @@ class Neighbours:
     The arrays it makes live among those of the step: `contact_start` (m + 1,), the rows of the
     elements that may touch; over the rows' entries `contact_neighbour`, `contact_reference` (from
     element to neighbour in the reference state), `contact_debt`, `contact_impulse`, and, where they
-    are asked for, `contact_spring`, `contact_theta` and `contact_opened`. They grow as the list
-    does.
+    are asked for, `contact_spring`, `contact_theta`, `contact_dashpot`,
+    `contact_roll` and `contact_opened`. They grow as the list does.
     """
 
     def __init__(
@@ -52,10 +53,7 @@ class Neighbours:
         self.skin = model.contact.skin * float(np.median(radius))
         self._greatest = float(radius.max())
         self._reach = 2.0 * self._greatest + self.skin
-        self._has_friction = model.rubs
-        self._ages = model.ages
-        self._has_restitution = model.contact.restitution < 1.0
-        self._welds = model.contact.welding is not None
+        self._touch = model.touch
         self._has_parting = model.listed_bonds is not None
         self._is_periodic = model.contact_period is not None
         self._is_strained = self._is_periodic and model.strain_history is not None
@@ -132,7 +130,7 @@ class Neighbours:
             wp.launch(law, dim=a["listed_bonds"].size, inputs=inputs, device=self._device)
         old = {
             name: wp.clone(a["contact_" + name])
-            for name in ("start", "neighbour", "debt", "spring", "theta", *WELDS)
+            for name in ("start", "neighbour", *HISTORY)
             if "contact_" + name in a
         }
         self._find()
@@ -145,14 +143,10 @@ class Neighbours:
         inputs += [a["found_start"], a["found"], a["contact_start"], a["contact_neighbour"]]
         inputs += [a["contact_reference"], a.get("contact_image"), self._period, self._to_shares]
         self._launch(list_neighbours(k, self._is_periodic), inputs)
-        carries = self._has_friction, self._has_restitution, self._ages, self._welds
-        law = carry_over(self._s, *carries)
-        inputs = [a["contact_start"], a["contact_neighbour"]]
-        inputs += [old.get(x) for x in ("start", "neighbour", "debt", "spring", "theta", *WELDS)]
-        inputs += [a["contact_debt"], a["contact_impulse"]]
-        inputs += [a.get("contact_opened"), a.get("contact_spring"), a.get("contact_theta")]
-        inputs += [*(a.get("contact_" + x) for x in WELDS), a.get("weld_event")]
-        self._launch(law, inputs)
+        inputs = [a["contact_start"], a["contact_neighbour"], old["start"], old["neighbour"]]
+        inputs += [*(old.get(x) for x in HISTORY), a["contact_impulse"], a.get("contact_opened")]
+        inputs += [*(a.get("contact_" + x) for x in HISTORY), a.get("weld_event")]
+        self._launch(carry_over(self._s, self._touch), inputs)
         if self._has_parting:
             names = "bonded_start", "bonded", "bonded_listed", "closing_gap", "closing_debt"
             inputs = [a["contact_start"], a["contact_neighbour"], *(a[x] for x in names)]
@@ -256,13 +250,17 @@ class Neighbours:
             self._new("contact_image", dim * most, wp.int32)
         self._new("contact_debt", most, self._s.real)
         self._new("contact_impulse", most, self._s.real)
-        if self._has_friction:
+        if self._touch.rubs:
             self._new("contact_spring", dim * most, self._s.real)
-        if self._ages:
+        if self._touch.ages:
             self._new("contact_theta", most, wp.float64)
-        if self._has_restitution:
+        if self._touch.damps:
+            self._new("contact_dashpot", most, self._s.real)
+        if self._touch.rolls:
+            self._new("contact_roll", (1 if dim == 2 else 3) * most, self._s.real)
+        if self._touch.bounces:
             self._new("contact_opened", most, wp.int32)
-        if self._welds:
+        if self._touch.welds:
             for name in ("contact_welded", "weld_event"):
                 self._new(name, most, wp.int32)
             for name in ("contact_pressed", "contact_worked"):

@@ -1,7 +1,7 @@
 """What the user says: bodies and how their elements are bonded, cut, held, strained and loaded."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
 
@@ -22,7 +22,7 @@ from .errors import (
     positive,
     whole,
 )
-from .friction import Friction, RateAndState, checked_friction
+from .friction import Friction, RateAndState, checked_friction, checked_pairs
 from .material import Material
 from .packing import Mask, Packing
 from .plasticity import Nikolaevsky, VonMises, YieldLaw, softening
@@ -31,6 +31,7 @@ from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
 
+LEAST_DASHPOT = 0.01  # restitution that dashpots of contacts give
 History = Callable[[float], float]  # factor at a time [s]
 StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
 
@@ -514,28 +515,44 @@ class Scene:
         restitution: float = 1.0,
         skin: float = 0.5,
         law: str = "linear",
+        restitution_by: str = "opening",
+        rolling_friction: float = 0.0,
+        twisting_friction: float = 0.0,
+        pairs: Mapping[tuple[Material, Material], Friction] | None = None,
         welding: Welding | None = None,
     ) -> None:
         """Let elements touch that no bond joins (theory B11); without this they pass through.
 
         They touch as spheres, in the plane discs, of the distance to their nearest face, with a
         stiffness as that of bonds. friction: Coulomb's number or a `RateAndState`, between all of
-        them; restitution: speed along the normal after two elements have touched over that before,
-        0 to 1 (elastic). skin: of the list of neighbours over the median radius; a matter of speed
-        alone. law: "linear", or in space "hertz", of elastic spheres of these radii (friction's
-        springs are the same); its time step is for overlaps up to a twentieth of the radius.
+        them but those of the materials in pairs: {(a, b): friction}, in either order. restitution:
+        speed along the normal after two elements have touched over that before, 0 to 1 (elastic).
+        skin: of the list of neighbours over the median radius; a matter of speed alone. law:
+        "linear", or in space "hertz", of elastic spheres of these radii (friction's springs are the
+        same); its time step is for overlaps up to a twentieth of the radius. restitution_by:
+        "opening" takes what restitution asks for where a contact opens, at any time step, and
+        nothing while it lasts; "dashpot" takes it while the contact lasts, by a dashpot that never
+        pulls, so that heaps come to rest, and needs a restitution above 0. rolling_friction: the
+        greatest moment against rolling over R N, N being the normal force and 1/R the sum of both
+        curvatures, as elements that are not round would bear it; twisting_friction: likewise about
+        the normal, in space. Springs act below both.
 
         welding: the law by which pairs weld that are pressed on each other; linear law, Coulomb's
         friction or none.
 
-        Pairs that a bond joined close and rub on their own face until they have parted; there EVM
-        bonds do not rub.
+        Pairs that a bond joined close and rub on their own face until they have parted.
         """
         mu = checked_friction(friction)
         e = float(finite("restitution", restitution, ()))
         if not 0.0 <= e <= 1.0:
             raise InputError(f"restitution is {e:g}; give 0 (none) to 1 (elastic).")
         one_of("law", law, ("linear", "hertz"))
+        one_of("restitution_by", restitution_by, ("opening", "dashpot"))
+        if restitution_by == "dashpot" and e < LEAST_DASHPOT:
+            raise InputError(
+                f"restitution is {e:g}; dashpots that give it would need ever smaller time steps: "
+                f"give {LEAST_DASHPOT:g} to 1, or restitution_by='opening'."
+            )
         if welding is not None:
             if not isinstance(welding, Welding):
                 raise InputError(f"welding is {welding!r}; give a Welding.")
@@ -544,29 +561,36 @@ class Scene:
                     "welding is for the linear law of contact and Coulomb's friction: leave "
                     "law='hertz' and RateAndState, or welding, out."
                 )
-        self.contacts = Contact(mu, e, float(positive("skin", skin, ())), law, welding)
+        self.contacts = Contact(
+            mu, e, float(positive("skin", skin, ())), law, restitution_by,
+            _share("rolling_friction", rolling_friction),
+            _share("twisting_friction", twisting_friction), checked_pairs(pairs), welding,
+        )  # fmt: skip
 
     @checked
     def wall(
         self,
         shape: Shape | ArrayLike,
         normal: ArrayLike | None = None,
-        friction: Friction | None = None,
+        friction: Friction | Mapping[Material, Friction] | None = None,
         velocity: ArrayLike | None = None,
         spin: ArrayLike | None = None,
         pivot: ArrayLike | None = None,
         angle: ArrayLike | None = None,
         path: Path | tuple[ArrayLike, ArrayLike] | None = None,
+        rolling_friction: float | None = None,
+        twisting_friction: float | None = None,
     ) -> Wall:
         """A rigid wall that elements touch: a plane by a point [m] and the normal of the side that
         they are on, or a shape of `warpdem.wall`.
 
-        friction: by default that of `contact`, which a scene with walls needs; velocity [m/s] and
-        spin [rad/s], (1,) in the plane or (3,): the wall's own, by default none; pivot [m]: the
-        point it turns about, which moves with it, by default the shape's centre; angle [rad]: a
-        rotation vector by which it is turned at the start. path: a function of time [s], or
-        (times, values) between which is interpolated, that gives displacement and then rotation
-        vector, (dim + 1,) or (dim + 3,), on top of velocity and spin. Returns the wall, on which
+        friction, rolling_friction, twisting_friction: by default those of `contact`, which a scene
+        with walls needs; friction may be given by materials, {a: friction}. velocity [m/s] and spin
+        [rad/s], (1,) in the plane or (3,): the wall's own, by default none; pivot [m]: the point it
+        turns about, which moves with it, by default the shape's centre; angle [rad]: a rotation
+        vector by which it is turned at the start. path: a function of time [s], or (times, values)
+        between which is interpolated, that gives displacement and then rotation vector, (dim + 1,)
+        or (dim + 3,), on top of velocity and spin. Returns the wall, on which
         `Simulation.wall_force` and `wall_torque` tell.
         """
         if self.contacts is None:
@@ -586,7 +610,18 @@ class Scene:
         if len(shape.place) != dim:
             hint = "; in the plane take a Sphere or a Box" * isinstance(shape, Cylinder | Mesh)
             raise InputError(f"the wall's shape has dimension {len(shape.place)}, not {dim}{hint}.")
-        mu = self.contacts.friction if friction is None else checked_friction(friction)
+        mu, pairs = self.contacts.friction, {}
+        if isinstance(friction, Mapping):
+            if not all(isinstance(m, Material) for m in friction):
+                raise InputError("friction of a wall by materials is {material: friction}.")
+            pairs = {m: checked_friction(law) for m, law in friction.items()}
+        elif friction is not None:
+            mu = checked_friction(friction)
+
+        def own(name: str, given: float | None) -> float:
+            share: float = getattr(self.contacts, name)
+            return share if given is None else _share(name, given)
+
         wall = Wall(
             shape,
             mu,
@@ -594,6 +629,9 @@ class Scene:
             np.zeros(spins) if spin is None else finite("spin", np.atleast_1d(spin), (spins,)),
             shape.place if pivot is None else finite("pivot", pivot, (dim,)),
             np.zeros(spins) if angle is None else finite("angle", np.atleast_1d(angle), (spins,)),
+            own("rolling_friction", rolling_friction),
+            own("twisting_friction", twisting_friction),
+            pairs,
             _path(path, dim + spins),
         )
         self.walls.append(wall)
@@ -778,6 +816,14 @@ class Scene:
             wrong = ", ".join(map(str, np.unique(chosen[bad])[:5]))
             raise InputError(f"selected ids {wrong} lie outside 0..{n - 1}.")
         return chosen.astype(np.int64)
+
+
+def _share(name: str, given: float) -> float:
+    """A number that is not negative."""
+    value = float(finite(name, given, ()))
+    if value < 0.0:
+        raise InputError(f"{name} is {value:g}; give 0 or more.")
+    return value
 
 
 def _strain(strain: ArrayLike, dim: int) -> Array:

@@ -33,6 +33,7 @@ from .scene import Body, Scene, Servo
 from .stability import (
     HERTZ_OVERLAP,
     bound_contact,
+    bound_contact_damping,
     bound_damping,
     bound_frequency,
     largest_frequency,
@@ -144,6 +145,9 @@ class Simulation:
         touch = bound_contact(self.model)
         frequency = float(np.hypot(frequency, touch))
         bound = float(np.hypot(bound_frequency(self.model), touch))
+        # contacts' dashpots know velocities of half a step ago: omega^2 dt^2 + 2 gamma dt < 4
+        lag = 0.5 * bound_contact_damping(self.model)
+        frequency, bound = (lag + float(np.hypot(lag, x)) for x in (frequency, bound))
         rate = bound_damping(self.model)
         self.dt_limit = 2.0 / max(frequency, rate) if frequency > 0.0 else np.inf
         self.dt_bound = 2.0 / bound if bound > 0.0 else np.inf
@@ -645,8 +649,9 @@ class Simulation:
 
     def wall_forces(self, wall: Wall) -> Array:
         """Force of every element on a wall [N], (n, dim)."""
+        row = self._row(wall)
         force = np.zeros((self.model.elements, self.model.features.dim))
-        force[self.model.contact_elements] = self._step.download("wall_reaction")[self._row(wall)]
+        force[self.model.contact_elements] = self._step.download("wall_reaction")[row]
         return force[: self.model.own_elements]
 
     def wall_torque(self, wall: Wall) -> Array:
@@ -779,14 +784,14 @@ class Simulation:
     def energy(self) -> dict[str, float]:
         """The energy ledger [J].
 
-        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs
-        and whatever touches): held now; friction: taken by slip; fracture: released by breaking
-        bonds and welds; damping: taken by dashpots, local damping, absorbing sides and restitution;
-        plastic: dissipated by plastic flow; viscous: by branches; healing: released by links made
-        again, negative where these took from what their breaks had released; work: done by moving
-        grips and walls, outer loads and a periodic box; integrator: velocity Verlet's own term
-        (theory B13), its jumps at breaking bonds included; renewal: lost with old faces; residual:
-        what is missing from their balance.
+        kinetic, pair (linked bonds and their branches), volume, contact (closed unlinked pairs and
+        whatever touches): held now; friction: taken by slip, rolling, twisting; fracture: released
+        by breaking bonds and welds; damping: taken by dashpots, local damping, absorbing sides and
+        restitution; plastic: dissipated by plastic flow; viscous: by branches; healing: released by
+        links made again, negative where these took from what their breaks had released; work: done
+        by moving grips and walls, outer loads and a periodic box; integrator: velocity Verlet's own
+        term (theory B13), its jumps at breaking bonds included; renewal: lost with old faces;
+        residual: what is missing from their balance.
         """
         ledger = self._measure()
         before, now = (

@@ -112,7 +112,11 @@ def bound_frequency(model: Model) -> float:
         evm = slice(model.facet_bonds, model.bonds)
         b1, b2, b3, b4 = _of(model.evm_stiffness).T
         bending = b2 / 4.0 + b3 + b4 / 2.0
-        blocks.add_beams(evm, b1, b2 / _of(model.evm_length) ** 2, bending, b4)
+        shear = b2 / _of(model.evm_length) ** 2
+        if model.closing_shear is not None and model.listed_bonds is not None:
+            beams = model.listed_bonds[model.facet_listed :] - model.facet_bonds
+            shear[beams] = np.maximum(shear[beams], model.closing_shear[model.facet_listed :])
+        blocks.add_beams(evm, b1, shear, bending, b4)
         if model.bond_weight is not None:
             blocks.add_springs(evm, _volume_springs(model)[evm])
     return float(np.sqrt(2.0 * blocks.greatest()))
@@ -128,23 +132,49 @@ def bound_contact(model: Model) -> float:
     if model.contact_elements is None:
         return 0.0
     dim, own = model.features.dim, model.contact_elements
-    radius, width = _of(model.contact_radius)[own], _of(model.contact_width)[own]
-    area = np.pi * radius**2 if dim == 3 else 2.0 * radius * width
-    # a wall is twice as stiff as another element
-    share = (1.0 if model.walls else 0.5) * area
-    normal = share / _of(model.contact_compliance)[own]
-    if model.contact is not None and model.contact.is_hertz:
-        # 2 E* sqrt(R d): of like spheres R/2 and twice the overlap, so half of that of a wall
-        half = 1.0 if model.walls else 0.5
-        normal = 2.0 * half * radius * np.sqrt(HERTZ_OVERLAP) / _of(model.contact_compliance)[own]
-    shear = share / _of(model.contact_shear)[own] if model.rubs else np.zeros(len(own))
+    radius = _of(model.contact_radius)[own]
+    normal, along = _contact_stiffness(model)
+    shear = along if model.rubs else np.zeros(len(own))
     around = 12 if dim == 3 else 6
     moving = model.inverse_mass[own].max(axis=1)
     root = (inverse_inertia_root(model)[own] ** 2).max(axis=(1, 2))
     pushed = around / dim * (normal + (dim - 1) * shear) * moving
     across = 1.0 if dim == 2 else 2.0 / 3.0
     turned = around * across * shear * radius**2 * root
+    if model.rolls:  # k_t R^2, R of rolling on an equal or on a wall
+        turned += around * along * (radius if model.walls else 0.5 * radius) ** 2 * root
     return float(np.sqrt(2.0 * (pushed + turned).max(initial=0.0)))
+
+
+def bound_contact_damping(model: Model) -> float:
+    """A rate [1/s] that no damping of a motion by dashpots of contacts exceeds: as
+    `bound_contact`, each dashpot with the mass of the element itself."""
+    if model.contact is None or not model.touch.damps or model.contact_elements is None:
+        return 0.0
+    normal, _ = _contact_stiffness(model)
+    moving = model.inverse_mass[model.contact_elements].max(axis=1)
+    ratio = 2.0 * model.contact.damping_ratio
+    if model.contact.is_hertz:  # k is the tangent, 3/2 k_n sqrt(h)
+        ratio *= np.sqrt(5.0 / 6.0)
+    around = 12 if model.features.dim == 3 else 6
+    rate = around / model.features.dim * ratio * np.sqrt(normal * moving)
+    return float(2.0 * rate.max(initial=0.0))
+
+
+def _contact_stiffness(model: Model) -> tuple[Array, Array]:
+    """Normal and tangential stiffness of a contact with an equal, or with a wall [N/m], of every
+    element that may touch."""
+    own = model.contact_elements
+    assert own is not None
+    radius, width = _of(model.contact_radius)[own], _of(model.contact_width)[own]
+    area = np.pi * radius**2 if model.features.dim == 3 else 2.0 * radius * width
+    # a wall is twice as stiff as another element
+    half = 1.0 if model.walls else 0.5
+    normal = half * area / _of(model.contact_compliance)[own]
+    if model.contact is not None and model.contact.is_hertz:
+        # 2 E* sqrt(R d): of like spheres R/2 and twice the overlap, so half of that of a wall
+        normal = 2.0 * half * radius * np.sqrt(HERTZ_OVERLAP) / _of(model.contact_compliance)[own]
+    return normal, half * area / _of(model.contact_shear)[own]
 
 
 def bound_damping(model: Model) -> float:

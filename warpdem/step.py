@@ -102,7 +102,9 @@ OPTIONAL = frozenset(
         *("weld_shear", "weld_released", "weld_energy", "any_welded"),
         *("contact_box_work", "contact_moment", "contact_spring", "contact_opened", "slip_energy"),
         *("friction_numbers", "contact_theta", "wall_theta", "closing_theta"),
-        "restitution_energy",
+        *("contact_kind", "friction_table"),
+        *("restitution_energy", "contact_dashpot", "wall_dashpot"),
+        *("contact_roll", "wall_roll", "wall_rolling", "wall_twisting"),
         *("rest_dilation", "break_energy", "break_step", "bond_strength", "bond_face"),
         *("healing_weight", "healing_strength"),
         *("wall_mesh", "wall_first_face", "face_place", "wall_opened", "wall_spring"),
@@ -228,7 +230,10 @@ class Step:
 
     # what a checkpoint leaves out of a step's own numbers: arrays have their place in it, these
     # are views of them
-    not_saved = ("arrays", "_views", "_nothings")
+    not_saved = (
+        *("arrays", "_views", "_nothings"),
+        *("_energies", "_angles", "_stress_everywhere", "_relax", "_settle"),  # made when needed
+    )
     addresses = ("wall_mesh",)  # arrays that hold no numbers but where things are on this device
 
     def __init__(
@@ -425,6 +430,9 @@ class Step:
 
     def forget_gaps(self) -> None:
         """Start the books of unlinked pairs anew, after the state was overwritten."""
+        for name in ("contact_dashpot", "wall_dashpot"):
+            if name in self.arrays:
+                self.arrays[name].zero_()
         if self.model.listed_bonds is not None:
             for name, value in (("closing_gap", UNKNOWN), ("closing_debt", 0.0)):
                 self.arrays[name].fill_(value)
@@ -691,26 +699,25 @@ class Step:
         (s, k), m = self._space, self.model
         assert self.neighbours is not None and m.contact is not None
         rows, walls = self.neighbours.rows, len(m.walls)
-        restitution = m.contact.restitution
-        bounces = restitution < 1.0
+        restitution, touch = m.contact.restitution, m.touch
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
-        is_hertz = m.contact.is_hertz
-        is_periodic = m.contact_period is not None
         welding = m.contact.welding
-        welds = welding is not None
         weld_numbers = {x: getattr(welding, x.removeprefix("weld_"), 0.0) for x in WELD_NUMBERS}
-        law = contact_forces(s, k, m.rubs, m.ages, bounces, is_hertz, is_periodic, welds, walls > 0)
-        place = {"first_place": (m.features.slots - 1) * m.elements}
+        law, on_walls = contact_forces(s, k, touch, walls > 0), wall_forces(s, k, kinds, touch)
+        place = {"first_place": (m.features.slots - 1) * m.elements, "kinds": m.kinds}
         mu, both = coulomb(m.contact.friction), []
+        own = {"rolling": m.contact.rolling_friction, "twisting": m.contact.twisting_friction}
         # at the end of a step the box is where it was to go, but else where it was before
         after = {"contact_box_after": self.arrays.get("contact_box")}
         still = {"contact_box": self.arrays.get("contact_box_before")}
-        for dt, sides in ((self.dt, {}), (0.0, still)):
-            passes = [self._bind(law, rows, dt=dt, friction=mu, **place, **sides, **weld_numbers)]
+        # at given places nothing moves that a dashpot would resist
+        for dt, damping, sides in ((self.dt, m.contact.damping_ratio, {}), (0.0, 0.0, still)):
+            numbers = {"dt": dt, "damping": damping, **place}
+            more = {"friction": mu, **own, **weld_numbers}
+            passes = [self._bind(law, rows, **more, **numbers, **sides)]
             if walls:
-                on_walls = wall_forces(s, k, kinds, m.rubs, m.ages, bounces, is_hertz)
-                passes.append(self._bind(on_walls, rows, dt=dt, **place, **given))
+                passes.append(self._bind(on_walls, rows, **numbers, **given))
             both.append(self._passes(passes))
         self._contact, self._contact_still = both
         impulses = {
@@ -720,11 +727,11 @@ class Step:
 
         def settle(share: float) -> list[Launched]:
             numbers = {"restitution": restitution, "share": share}
-            law = contact_settle(s, k, bounces, is_periodic)
+            law = contact_settle(s, k, touch)
             paid = [self._bind(law, rows, dt=self.dt, **numbers, **still, **after)]
             if walls:
-                on_walls = wall_settle(s, k, kinds, bounces)
-                paid.append(self._bind(on_walls, rows, **numbers, **given))
+                law = wall_settle(s, k, kinds, touch)
+                paid.append(self._bind(law, rows, **numbers, **given))
             return paid
 
         half = 0.5 * self.dt
@@ -739,10 +746,10 @@ class Step:
         self._settle_contact = self._passes(passes)
         if "contact_energy" not in self.arrays:
             self.upload("contact_energy", np.zeros(rows))
-        law = contact_energies(s, k, m.rubs, is_hertz, is_periodic, welds)
+        law = contact_energies(s, k, touch)
         passes = [self._bind(law, rows, **still)]
         if walls:
-            passes.append(self._bind(wall_energies(s, k, kinds, m.rubs, is_hertz), rows, **given))
+            passes.append(self._bind(wall_energies(s, k, kinds, touch), rows, **given))
         self._contact_energies = self._passes(passes)
 
     def _damping_passes(self) -> list[Launched]:
@@ -1127,9 +1134,11 @@ class Step:
         if self._slack > 0.0:  # faces that friction holds are the stiffest
             friction = HOLDS
         ages = m.faces_rub and m.ages and self._slack == 0.0
+        by_kind = m.faces_rub and m.contact_kind is not None and self._slack == 0.0
         return self._over_listed(
-            facet_closing(s, k, f.faces, m.faces_rub, ages, self._touch_law),
-            evm_closing(s, k, f.faces.has_slip),
+            facet_closing(s, k, f.faces, m.faces_rub, ages, by_kind, self._touch_law),
+            evm_closing(s, k, f.faces.has_slip, m.faces_rub, ages, by_kind),
+            kinds=m.kinds,
             slack=self._slack,
             friction=friction,
             dt=dt,
@@ -1184,7 +1193,7 @@ class Step:
             facet_closing_energies(
                 s, k, m.features.faces, m.faces_rub, self._touch_law, near, self._simd
             ),
-            evm_closing_energies(s, k, m.features.faces.has_slip, near, self._simd),
+            evm_closing_energies(s, k, m.features.faces.has_slip, m.faces_rub, near, self._simd),
             near=near,
             rows=self.arrays["patch_rows"] if near else None,
         )

@@ -1,13 +1,14 @@
 """Walls: rigid shapes that elements touch, and how they move (theory B11)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Array, InputError, checked, finite, first_ids, positive
-from .friction import Friction
+from .friction import Friction, rubs
+from .material import Material
 
 Path = Callable[[float], Array]  # displacement (dim,) and turn (1,) or (3,) at a time [s]
 
@@ -20,6 +21,10 @@ class Plane:
         self.place = finite("point", point, (None,))
         self.normal = _direction("the wall's normal", normal, len(self.place))
 
+    def normals(self, arm: Array) -> Array | None:
+        """Of the surface along which it may move without crossing what is at its place + arm."""
+        return np.broadcast_to(self.normal, arm.shape)
+
 
 class Sphere:
     """A sphere, in the plane a disc, of a radius [m] about its centre [m].
@@ -31,6 +36,10 @@ class Sphere:
     def __init__(self, centre: ArrayLike, radius: float, hollow: bool = False) -> None:
         self.place = finite("centre", centre, (None,))
         self.radius, self.hollow = float(positive("radius", radius, ())), hollow
+
+    def normals(self, arm: Array) -> Array | None:
+        """As of a plane."""
+        return arm / np.maximum(np.linalg.norm(arm, axis=1), 1e-300)[:, None]
 
 
 class Cylinder:
@@ -57,6 +66,13 @@ class Cylinder:
             )
         self.length = np.inf if length is None else float(positive("length", length, ()))
 
+    def normals(self, arm: Array) -> Array | None:
+        """As of a plane; its ends are no surface to move along."""
+        if np.isfinite(self.length):
+            return None
+        across = arm - (arm @ self.axis)[:, None] * self.axis
+        return across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+
 
 class Box:
     """A box of a size [m] along the world's axes, edges rounded by a radius [m].
@@ -74,6 +90,10 @@ class Box:
                 f"rounding is {self.rounding:g} m; give 0 to half the least side, "
                 f"{0.5 * self.size.min():g} m."
             )
+
+    def normals(self, arm: Array) -> Array | None:
+        """None: all of its motion counts."""
+        return None
 
 
 class Mesh:
@@ -113,6 +133,10 @@ class Mesh:
         used = self.vertices[np.unique(self.faces)]
         self.place = 0.5 * (used.min(axis=0) + used.max(axis=0))
 
+    def normals(self, arm: Array) -> Array | None:
+        """None: all of its motion counts."""
+        return None
+
 
 Shape = Plane | Sphere | Cylinder | Box | Mesh
 
@@ -137,8 +161,16 @@ class Wall:
     spin: Array  # [rad/s]
     pivot: Array  # the point that `spin`, `angle` and a path turn the shape about [m]
     angle: Array  # turn at the start
+    rolling_friction: float = 0.0
+    twisting_friction: float = 0.0
+    pairs: Mapping[Material, Friction] = field(default_factory=dict)  # friction on some materials
     path: Path | None = None
     steering: Steering | None = field(default=None, repr=False)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether some elements rub on it."""
+        return any(rubs(law) for law in (self.friction, *self.pairs.values()))
 
     @property
     def stands(self) -> bool:
@@ -167,14 +199,21 @@ class Wall:
         return self.pivot + moved + rotated(turn, self.shape.place - self.pivot), turn
 
     def motion(self, position: Array, time: float, dt: float, way: float = 0.0) -> Array:
-        """How far its material at these places [m], (n, dim), moves in a step [m], (n, dim).
+        """How far it moves in a step [m], (n, dim), towards these places [m], (n, dim).
 
-        way: as of `pose`; what a steered wall goes in the step is left out.
+        The motion of a plane, a sphere or a cylinder along its own surface is left out. way: as of
+        `pose`; what a steered wall goes in the step is left out.
         """
         (before, turn), (after, turned) = (self.pose(t, way) for t in (time, time + dt))
         back = np.append(-turn[:-1], turn[-1])
         arm = np.asarray(position) - before
-        return after + rotated(turned, rotated(back, arm)) - before - arm
+        own = rotated(back, arm)
+        moved = after + rotated(turned, own) - before - arm
+        normals = self.shape.normals(own)
+        if normals is None:
+            return moved
+        n = rotated(turn, normals)
+        return (moved * n).sum(axis=1)[:, None] * n
 
 
 def rotation(vector: Array) -> Array:

@@ -5,6 +5,7 @@ from .brazilian import Brazilian, brazilian
 from .crushed_grain import CrushedGrain, CrushedGrainResult, crushed_grain
 from .drop import Drop, DropResult, drop
 from .envelope import Envelope, strength_envelope
+from .heterogeneous import Heterogeneous, HeterogeneousResult, heterogeneous
 from .impact import Impact, ImpactResult, impact
 from .indentation import Indentation, IndentationResult, indentation
 from .kalthoff import Kalthoff, KalthoffResult, kalthoff
@@ -28,6 +29,8 @@ __all__ = [
     "Drop",
     "DropResult",
     "Envelope",
+    "Heterogeneous",
+    "HeterogeneousResult",
     "Impact",
     "ImpactResult",
     "Indentation",
@@ -53,6 +56,7 @@ __all__ = [
     "confined",
     "crushed_grain",
     "drop",
+    "heterogeneous",
     "impact",
     "indentation",
     "kalthoff",

@@ -100,7 +100,7 @@ def branching(parameters: Branching | None = None, **options: Unpack[Options]) -
     return free_crack(parameters or Branching(), BranchingResult, _before, **options)
 
 
-def _before(own: list[Branch], numbers: dict[str, Any]) -> dict[str, Any]:
+def _before(own: list[Branch], numbers: dict[str, Any], *_: Any) -> dict[str, Any]:
     """Length over time up to the first branching: windows would see single steps of the crack."""
     if len(own) < 2:
         return {"before_over_rayleigh": nan, "branch_count": len(own)}

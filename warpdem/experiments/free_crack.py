@@ -131,7 +131,7 @@ CrackObservers = Callable[[Simulation, CrackTracker], list[Observer]]
 
 
 R = TypeVar("R", bound="FreeCrackResult")
-Measure = Callable[[list[Branch], dict[str, Any]], dict[str, Any]]
+Measure = Callable[[list[Branch], dict[str, Any], CrackTracker], dict[str, Any]]
 
 
 def free_crack(
@@ -150,11 +150,11 @@ def free_crack(
 ) -> R:
     """Run an experiment.
 
-    kind: of its result; measure: its further numbers, from the branches of the crack at the notch
-    and the numbers of all. out: folder for the FILES; None writes nothing. observers: makes
-    further observers of the run; say: is told what happens, line by line; frames: of the USD
-    scene; threads: of the CPU; checkpoint: of the run, which goes on from its file if there is one.
-    Raises InputError for parameters that cannot be run.
+    kind: of its result; measure: its further numbers, from the branches of the crack at the notch,
+    the numbers of all and the tracker. out: folder for the FILES; None writes nothing. observers:
+    makes further observers of the run; say: is told what happens, line by line; frames: of the
+    USD scene; threads: of the CPU; checkpoint: of the run, which goes on from its file if there is
+    one. Raises InputError for parameters that cannot be run.
     """
     began = time.perf_counter()
     where = None if out is None else folder(out)
@@ -182,7 +182,7 @@ def free_crack(
     own = crack_at(found, p.tip, NEAR * p.spacing)
     numbers = _numbers(found, own, speeds, rayleigh) | {"rayleigh_speed": rayleigh}
     if measure is not None:
-        numbers |= measure(own, numbers)
+        numbers |= measure(own, numbers, crack)
     result = kind(
         **run_numbers(sim), **numbers, speeds=speeds, crack=crack,
         field=picture, branches=[_told(b, found, speeds, rayleigh) for b in found],
@@ -209,12 +209,11 @@ def free_crack(
 
 
 def crack_at(branches: list[Branch], tip: tuple[float, float], near: float) -> list[Branch]:
-    """Branches of the crack that starts near a notch's tip [m], longest first; maybe none."""
-    roots = [b for b in branches if b.parent is None]
-    away = [float(np.linalg.norm(b.path - np.array(tip), axis=1).min()) for b in roots]
+    """Branches of the crack that passes near a notch's tip [m], longest first; maybe none."""
+    away = [float(np.linalg.norm(b.path - np.array(tip), axis=1).min()) for b in branches]
     if not away or min(away) > near:
         return []
-    crack = roots[int(np.argmin(away))].crack
+    crack = branches[int(np.argmin(away))].crack
     return [b for b in branches if b.crack == crack]
 
 

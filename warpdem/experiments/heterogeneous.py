@@ -10,11 +10,12 @@ import numpy as np
 
 from ..criteria import Rankine
 from ..errors import Array, InputError, finite, positive
+from ..observe import CrackTracker
 from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
 from ..toughness import Toughness
-from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
+from .free_crack import Expected, FreeCrack, FreeCrackResult, free_crack
 from .shared import Options
 
 SIZE, NOTCH = (2e-3, 1.05e-3), 0.25e-3  # m
@@ -33,13 +34,12 @@ class Heterogeneous(FreeCrack):
     """
 
     spacing: Annotated[float, "Distance of elements, m."] = 1e-5
-    packing: Annotated[str, f"Arrangement of elements: {', '.join(PACKINGS)}."] = "voronoi"
     young: Annotated[float, "Young's modulus, Pa."] = 75e9
     poisson: Annotated[float, "Poisson's ratio."] = 0.25
     density: Annotated[float, "Density, kg/m^3."] = 2500.0
     fracture_energy: Annotated[float, "G_c, J/m^2."] = 6.0
     duration: Annotated[float, "Time simulated, s."] = 1e-6
-    overload: Annotated[float, "Load over Griffith's."] = 1.3
+    overload: Annotated[float, "Load over Griffith's."] = 1.2
     weibull: Annotated[float, "Weibull modulus of bonds' strengths; inf: all alike."] = 5.0
     inclusions: Annotated[float, "Share of the area that inclusions take."] = 0.0
     inclusion_size: Annotated[float, "Diameter of the inclusions, m."] = 8e-5
@@ -116,9 +116,11 @@ class Heterogeneous(FreeCrack):
 
 @dataclass
 class HeterogeneousResult(FreeCrackResult):
-    """What came out; roughness_spacings: root of the mean square distance of the crack's path from
-    a straight line fitted to it, in spacings; tortuosity: its length over that of the line."""
+    """What came out; speed_over_rayleigh: along the strip, by all breaks of the last half of the
+    path; roughness_spacings: root of the mean square distance of the crack's path from a straight
+    line fitted to it, in spacings; tortuosity: its length over that of the line."""
 
+    speed_over_rayleigh: float
     roughness_spacings: float
     tortuosity: float
 
@@ -132,14 +134,16 @@ def heterogeneous(
     """
     p = parameters or Heterogeneous()
 
-    def measure(own: list[Branch], _: dict[str, Any]) -> dict[str, Any]:
+    def measure(own: list[Branch], numbers: dict[str, Any], crack: CrackTracker) -> dict[str, Any]:
+        speed = crack.speed / numbers["rayleigh_speed"]
         if not own:
-            return {"roughness_spacings": nan, "tortuosity": nan}
+            return {"speed_over_rayleigh": speed, "roughness_spacings": nan, "tortuosity": nan}
         path = own[0].path
         angle = np.radians(path_angle(path))
         across = path @ np.array([-np.sin(angle), np.cos(angle)])
         span = float(np.linalg.norm(path[-1] - path[0]))
         return {
+            "speed_over_rayleigh": speed,
             "roughness_spacings": float(across.std()) / p.spacing,
             "tortuosity": own[0].length / span,
         }

@@ -13,7 +13,7 @@ from ..errors import positive
 from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
-from .free_crack import Expected, FreeCrack, FreeCrackResult, free_crack
+from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
 from .shared import Options
 
 SIZE, NOTCH, HALF = 0.1, 0.05, 0.025  # m: half plate, notch, its distance from the middle
@@ -32,6 +32,7 @@ class Kalthoff(FreeCrack):
     width in the test.
     """
 
+    packing: Annotated[str, f"Arrangement of elements: {', '.join(PACKINGS)}."] = "voronoi"
     young: Annotated[float, "Young's modulus, Pa."] = 190e9
     poisson: Annotated[float, "Poisson's ratio."] = 0.3
     density: Annotated[float, "Density, kg/m^3."] = 8000.0
@@ -100,5 +101,5 @@ def kalthoff(parameters: Kalthoff | None = None, **options: Unpack[Options]) -> 
     return free_crack(parameters or Kalthoff(), KalthoffResult, _angle, **options)
 
 
-def _angle(own: list[Branch], _: dict[str, Any]) -> dict[str, Any]:
+def _angle(own: list[Branch], *_: Any) -> dict[str, Any]:
     return {"angle_degrees": path_angle(own[0].path) if own else nan}

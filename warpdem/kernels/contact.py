@@ -8,7 +8,8 @@ opens (as in `closing`).
 """
 
 from functools import cache
-from math import pi
+from math import pi, sqrt
+from typing import NamedTuple
 
 import warp as wp
 
@@ -17,6 +18,22 @@ from .closing import closing
 from .friction import friction as friction_law
 from .memory import kernel, nn
 from .weld import HOLDS, weld
+
+OPPOSITE = 1e-8  # |n + n_before|^2 below which two normals are taken to oppose each other
+
+
+class Touch(NamedTuple):
+    """What contacts of a scene have, those of walls included."""
+
+    is_hertz: bool = False
+    rubs: bool = False
+    ages: bool = False  # some friction has a state, that of rate and state
+    bounces: bool = False  # restitution takes its share where they open
+    damps: bool = False  # dashpots act while they last
+    rolls: bool = False  # rolling, or twisting in space, is resisted
+    by_kind: bool = False  # friction is that of what the elements are made of
+    welds: bool = False  # pairs that are pressed weld
+    is_periodic: bool = False
 
 
 @cache
@@ -63,8 +80,15 @@ def contact(s: Laws, ages: bool = False) -> Laws:
     @wp.func
     def carried(spring: vec, before: vec, n: vec, half: spin) -> vec:
         """A tangential vector as the pair turns: by the least rotation of the normal, then about
-        it by the mean turn of both (theory B5). Exact in a rigid rotation."""
-        turned = spring - (wp.dot(spring, n) / (real(1.0) + wp.dot(before, n))) * (before + n)
+        it by the mean turn of both (theory B5). Exact in a rigid rotation.
+
+        Across `before`, the least rotation is a reflection across before + n: it keeps the length
+        of the spring however far the normal turns. Of opposite normals, of elements that have
+        passed through each other's centre, there is no least one, and the spring stays.
+        """
+        mean = before + n
+        square = wp.max(wp.dot(mean, mean), real(wp.static(OPPOSITE)))
+        turned = spring - (real(2.0) * wp.dot(spring, mean) / square) * mean
         return twisted(turned - wp.dot(turned, n) * n, n, half)
 
     @wp.func
@@ -99,7 +123,64 @@ def contact(s: Laws, ages: bool = False) -> Laws:
         taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
         return after, aged, taken
 
-    return Laws(area=area, half_turn=half_turn, rub=rub)
+    if s.dim == 2:
+
+        @wp.func
+        def rolled_plane(
+            spring: spin,
+            before: vec,
+            n: vec,
+            wa: spin,
+            wb: spin,
+            radius: real,
+            stiffness: real,
+            pull: real,
+            rolling: real,
+            twisting: real,
+            dt: real,
+        ):
+            """In the plane nothing twists."""
+            limit = -rolling * pull / stiffness
+            trial = spring + radius * dt * (wb - wa)
+            after = wp.clamp(trial, -limit, limit)
+            return after, real(0.5) * stiffness * (spring + after) * (trial - after)
+
+        return Laws(area=area, half_turn=half_turn, rub=rub, rolled=rolled_plane)
+
+    @wp.func
+    def rolled(
+        spring: spin,
+        before: vec,
+        n: vec,
+        wa: spin,
+        wb: spin,
+        radius: real,
+        stiffness: real,
+        pull: real,
+        rolling: real,
+        twisting: real,
+        dt: real,
+    ):
+        """Spring of rolling, across n, and twisting, along it, after a step [m], and what was
+        taken [J]: an elastic and plastic one each (Ai et al. 2011, model C).
+
+        It grows by the turn of b against a times the radius of rolling, 1/R = 1/R_a + 1/R_b; times
+        k_t R it is the moment on a, held to `rolling` R N and `twisting` R N.
+        """
+        mean = real(0.5) * (half_turn(wa, dt) + half_turn(wb, dt))
+        along = wp.dot(spring, before)
+        across = carried(spring - along * before, before, n, mean)
+        growth = radius * dt * (wb - wa)
+        more = wp.dot(growth, n)
+        trial = across + growth - more * n
+        after = holding.slid(trial, -rolling * pull / stiffness)
+        limit = -twisting * pull / stiffness
+        twist = wp.clamp(along + more, -limit, limit)
+        taken = wp.dot(across + after, trial - after)
+        taken += (along + twist) * (along + more - twist)
+        return after + twist * n, real(0.5) * stiffness * taken
+
+    return Laws(area=area, half_turn=half_turn, rub=rub, rolled=rolled)
 
 
 @cache
@@ -114,7 +195,17 @@ def pressing(s: Laws, is_hertz: bool) -> Laws:
             """k = M S/R [N/m]."""
             return area / compliance
 
-        return Laws(energy=linear.energy, pull=linear.pull, against_wall=against_wall)
+        @wp.func
+        def viscosity(stiffness: real, gap: real, give: real, ratio: real) -> real:
+            """c = 2 beta sqrt(k m) [N s/m], 1/m the give of both: a ratio of the critical one."""
+            return real(2.0) * ratio * wp.sqrt(stiffness / give)
+
+        return Laws(
+            energy=linear.energy,
+            pull=linear.pull,
+            against_wall=against_wall,
+            resisted=resisting(s, viscosity),
+        )
 
     @wp.func
     def energy(stiffness: real, gap: real) -> real:
@@ -131,9 +222,55 @@ def pressing(s: Laws, is_hertz: bool) -> Laws:
     @wp.func
     def against_wall_hertz(radius: real, area: real, compliance: real) -> real:
         """k = 4/3 E* sqrt(R), 1/E* being the compliance."""
-        return real(4.0 / 3.0) * wp.sqrt(radius) / compliance
+        return real(wp.static(4.0 / 3.0)) * wp.sqrt(radius) / compliance
 
-    return Laws(energy=energy, pull=pull, against_wall=against_wall_hertz)
+    @wp.func
+    def viscosity_hertz(stiffness: real, gap: real, give: real, ratio: real) -> real:
+        """c = sqrt(5) beta sqrt(k m) h^(1/4) [N s/m]: in y = h^(5/4) and the time dt h^(1/4) the
+        motion is that of the linear law, with its beta (Antypov and Elliott 2011)."""
+        root = wp.sqrt(wp.max(-gap, real(0.0)))
+        return real(wp.static(sqrt(5.0))) * ratio * wp.sqrt(stiffness * root / give)
+
+    return Laws(
+        energy=energy,
+        pull=pull,
+        against_wall=against_wall_hertz,
+        resisted=resisting(s, viscosity_hertz),
+    )
+
+
+def resisting(s: Laws, viscosity):
+    """Pull of the dashpot beside a contact's spring, of this viscosity."""
+    real = s.real
+
+    @wp.func
+    def resisted(
+        pull: real,
+        stiffness: real,
+        before: real,
+        gap: real,
+        speed: real,
+        give: real,
+        ratio: real,
+        dt: real,
+    ) -> real:
+        """Pull [N] at the end of a step, which with the spring's never becomes a tension.
+
+        speed: of the gap in the middle of the step [m/s]; what it is at the end both pulls on the
+        pair alone decide, half a step being theirs. Where the pair came to touch within the step
+        the dashpot has acted for less than one.
+        """
+        if gap >= real(0.0) or ratio == real(0.0) or give == real(0.0):
+            return real(0.0)
+        share = real(1.0)
+        if before >= real(0.0):
+            share = real(0.5) + gap / (gap - before)
+        c = share * viscosity(stiffness, gap, give, ratio)
+        half = real(0.5) * dt * give
+        own = c * (speed - half * pull) / (real(1.0) + half * c)
+        return wp.min(own, -pull)
+
+    return resisted
 
 
 @cache
@@ -242,7 +379,7 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) ->
             ra = real(contact_radius[nn(a)])
             rb = real(contact_radius[nn(b)])
             series = compliance[nn(a)] + compliance[nn(b)]
-            return real(4.0 / 3.0) * wp.sqrt(ra * rb / (ra + rb)) / series
+            return real(wp.static(4.0 / 3.0)) * wp.sqrt(ra * rb / (ra + rb)) / series
 
         load_normal_stiffness = load_hertz
 
@@ -258,26 +395,16 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) ->
 
 
 @cache
-def contact_forces(
-    s: Laws,
-    k: Laws,
-    has_friction: bool,
-    ages: bool,
-    has_restitution: bool,
-    is_hertz: bool = False,
-    is_periodic: bool = False,
-    welds: bool = False,
-    has_walls: bool = False,
-):
+def contact_forces(s: Laws, k: Laws, touch: Touch, has_walls: bool = False):
     """Pass over elements that may touch: force and torque of all their contacts, into one slot.
 
-    ages: some friction has a state, that of rate and state. welds: pairs that are pressed weld.
     has_walls: walls add to the slot. It is cleared when the list is built, so that without walls
     rows that list nothing need no work.
     """
-    real, place, law = s.real, k.real, contact(s, ages)
-    geometry = pair(s, k, is_hertz, is_periodic)
-    spring_law = weld(s, pressing(s, is_hertz))
+    real, place, law = s.real, k.real, contact(s, touch.ages)
+    geometry = pair(s, k, touch.is_hertz, touch.is_periodic)
+    own_law = pressing(s, touch.is_hertz)
+    spring_law = weld(s, own_law)
     narrowed, widened = geometry.narrowed, geometry.widened
 
     def contact_forces(
@@ -291,6 +418,9 @@ def contact_forces(
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
+        inverse_mass: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
         contact_box: wp.array(dtype=place),
@@ -301,9 +431,12 @@ def contact_forces(
         # written
         contact_debt: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
+        contact_dashpot: wp.array(dtype=real),
+        contact_roll: wp.array(dtype=real),
         contact_spring: wp.array(dtype=real),
         contact_theta: wp.array(dtype=wp.float64),
         slip_energy: wp.array(dtype=wp.float64),
+        restitution_energy: wp.array(dtype=wp.float64),
         any_touched: wp.array(dtype=int),
         contact_moment: wp.array(dtype=real),
         contact_box_work: wp.array(dtype=wp.float64),
@@ -323,8 +456,12 @@ def contact_forces(
         weld_work: real,
         weld_strength: real,
         friction: real,
+        damping: real,
+        rolling: real,
+        twisting: real,
         dt: place,
         first_place: int,
+        kinds: int,
     ):
         t = wp.tid()
         lists_nothing = contact_start[t] == contact_start[t + 1]
@@ -346,7 +483,7 @@ def contact_forces(
             vb = s.load(velocity, b)
             motion = dt * (widened(vb) - widened(va))
             by_box = k.vec()
-            if wp.static(is_periodic):
+            if wp.static(touch.is_periodic):
                 by_box = geometry.load_box_motion(
                     e, i, j, contact_image, contact_box, contact_box_before
                 )
@@ -355,7 +492,7 @@ def contact_forces(
             near = wp.dot(d, d) < reach * reach
             was_near = wp.dot(d_before, d_before) < reach * reach
             was_welded = bool(False)  # noqa: UP018
-            if wp.static(welds):
+            if wp.static(touch.welds):
                 was_welded = contact_welded[e] != 0
             if near or was_near or was_welded:
                 n_now, r = geometry.normal(d)
@@ -369,6 +506,18 @@ def contact_forces(
                 )
                 welded = was_welded
                 pull = spring_law.pull(stiffness, gap, welded)
+                resisted = real(0.0)  # by a dashpot, which a welded pair has none of
+                resisted_before = real(0.0)
+                if wp.static(touch.damps):
+                    resisted_before = contact_dashpot[e]
+                    if not was_welded:
+                        give = wp.dot(n, wp.cw_mul(s.load(inverse_mass, a), n))
+                        give += wp.dot(n, wp.cw_mul(s.load(inverse_mass, b), n))
+                        speed = wp.dot(n, narrowed(motion)) / wp.max(real(dt), real(1.0e-30))
+                        resisted = own_law.resisted(
+                            pull, stiffness, before, gap, speed, give, damping, real(dt)
+                        )
+                    contact_dashpot[e] = resisted
                 # the points that touch lie where the spheres' surfaces would, by their radii
                 share = real(contact_radius[a] / reach)
                 arm_a = share * real(r)
@@ -380,20 +529,26 @@ def contact_forces(
                 spring = s.vec()
                 spring_before = s.vec()
                 taken = real(0.0)
-                if wp.static(has_friction):
+                if wp.static(touch.rubs or touch.rolls):
                     shear = geometry.load_stiffness(
                         a, b, contact_radius, contact_width, contact_shear
                     )
                     wa = s.load_spin(angular_velocity, a)
                     wb = s.load_spin(angular_velocity, b)
+                if wp.static(touch.rubs):
                     theta = wp.float64(0.0)
-                    if wp.static(ages):
+                    if wp.static(touch.ages):
                         theta = contact_theta[e]
+                    row = int(0)  # noqa: UP018, RUF046
+                    mu = friction
+                    if wp.static(touch.by_kind):
+                        row = kinds * contact_kind[a] + contact_kind[b]
+                        mu = friction_table[row]
                     spring_before = s.load(contact_spring, e)
-                    if wp.static(welds):
+                    if wp.static(touch.welds):
                         spring, theta, taken = law.rub(
                             spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb, shear,
-                            real(-1.0), real(HOLDS), 0, friction_numbers, theta, real(dt),
+                            real(-1.0), real(HOLDS), row, friction_numbers, theta, real(dt),
                         )  # fmt: skip
                         area = stiffness * (contact_compliance[a] + contact_compliance[b])
                         if was_welded and dt > place(0.0):
@@ -404,18 +559,30 @@ def contact_forces(
                         pull = spring_law.pull(stiffness, gap, welded)
                         spring, theta, taken = law.rub(
                             spring_before, nb, n, arm_a, arm_b, narrowed(motion), wa, wb, shear,
-                            pull, friction, 0, friction_numbers, theta, real(dt),
+                            pull + resisted, mu, row, friction_numbers, theta, real(dt),
                         )  # fmt: skip
-                    if wp.static(ages):
+                    if wp.static(touch.ages):
                         contact_theta[e] = theta
                     s.store(contact_spring, e, spring)
+                if wp.static(touch.rolls):
+                    radius = share * real(contact_radius[b])
+                    roll, worn = law.rolled(
+                        s.load_spin(contact_roll, e), nb, n, wa, wb, radius, shear,
+                        pull + resisted, rolling, twisting, real(dt),
+                    )  # fmt: skip
+                    s.store_spin(contact_roll, e, roll)
+                    slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(worn)
+                    couple = (shear * radius) * roll
+                    if i != a:
+                        couple = -couple
+                    torque += couple
                 was = spring_law.pull(stiffness, before, was_welded)
                 f = pull * n
                 both = f + was * nb
                 owed = spring_law.energy(stiffness, gap, welded)
                 owed -= spring_law.energy(stiffness, before, was_welded)
                 owed -= real(0.5) * wp.dot(both, narrowed(motion))
-                if wp.static(welds):
+                if wp.static(touch.welds):
                     if was_welded and not welded:  # what both springs held goes
                         released = taken - owed
                         weld_energy[t] = weld_energy[t] + wp.float64(0.5) * wp.float64(released)
@@ -445,14 +612,20 @@ def contact_forces(
                 contact_debt[e] = contact_debt[e] + owed
                 if not was_welded and (gap < real(0.0)) != (before < real(0.0)):
                     any_touched[0] = 1
-                    if wp.static(has_restitution) and gap >= real(0.0):
+                    if wp.static(touch.bounces) and gap >= real(0.0):
                         contact_opened[e] = 1
-                if wp.static(has_friction):
+                if wp.static(touch.damps):
+                    across = resisted * n + resisted_before * nb
+                    lost = real(0.25) * wp.dot(across, narrowed(motion))
+                    restitution_energy[t] = restitution_energy[t] + wp.float64(lost)
+                    f += resisted * n
+                    both += across
+                if wp.static(touch.rubs):
                     f += shear * spring
                     both += shear * (spring_before + spring)
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(taken)
                     torque += arm * s.cross(n, shear * spring)
-                if wp.static(is_periodic):
+                if wp.static(touch.is_periodic):
                     done = real(0.25) * wp.dot(both, narrowed(by_box))
                     contact_box_work[t] = contact_box_work[t] + wp.float64(done)
                 moment += arm * wp.outer(s.embed(n), s.embed(f))
@@ -468,17 +641,11 @@ def contact_forces(
 
 
 @cache
-def contact_energies(
-    s: Laws,
-    k: Laws,
-    has_friction: bool,
-    is_hertz: bool = False,
-    is_periodic: bool = False,
-    welds: bool = False,
-):
+def contact_energies(s: Laws, k: Laws, touch: Touch):
     """Per element that may touch: half the energy of its pairs [J]."""
-    real, place, geometry = s.real, k.real, pair(s, k, is_hertz, is_periodic)
-    spring_law = weld(s, pressing(s, is_hertz))
+    real, place = s.real, k.real
+    geometry = pair(s, k, touch.is_hertz, touch.is_periodic)
+    spring_law = weld(s, pressing(s, touch.is_hertz))
 
     def contact_energies(
         # model
@@ -495,6 +662,7 @@ def contact_energies(
         contact_box: wp.array(dtype=place),
         displacement: wp.array(dtype=place),
         contact_spring: wp.array(dtype=real),
+        contact_roll: wp.array(dtype=real),
         contact_welded: wp.array(dtype=int),
         # written
         contact_energy: wp.array(dtype=real),
@@ -510,17 +678,21 @@ def contact_energies(
             _n, r = geometry.normal(d)
             gap = real(r - (contact_radius[wp.min(i, j)] + contact_radius[wp.max(i, j)]))
             welded = bool(False)  # noqa: UP018
-            if wp.static(welds):
+            if wp.static(touch.welds):
                 welded = contact_welded[e] != 0
             if gap < real(0.0) or welded:
                 stiffness = geometry.load_normal_stiffness(
                     i, j, contact_radius, contact_width, contact_compliance
                 )
                 energy += real(0.5) * spring_law.energy(stiffness, gap, welded)
-                if wp.static(has_friction):
+                if wp.static(touch.rubs or touch.rolls):
                     shear = geometry.load_stiffness(
                         i, j, contact_radius, contact_width, contact_shear
                     )
+                if wp.static(touch.rolls):
+                    roll = s.load_spin(contact_roll, e)
+                    energy += real(0.25) * shear * s.spin_squared(roll)
+                if wp.static(touch.rubs):
                     spring = s.load(contact_spring, e)
                     energy += real(0.25) * shear * wp.dot(spring, spring)
         contact_energy[t] = energy
@@ -558,14 +730,14 @@ def opening(s: Laws, has_restitution: bool) -> Laws:
 
 
 @cache
-def contact_settle(s: Laws, k: Laws, has_restitution: bool, is_periodic: bool = False):
+def contact_settle(s: Laws, k: Laws, touch: Touch):
     """Pass over elements that may touch: what their pairs owe is paid by impulses along n.
 
     Where a pair has opened, restitution takes the share 1 - e^2 of what its motion apart has.
     """
     real, place, spring_law = s.real, k.real, closing(s)
-    geometry = pair(s, k, is_periodic=is_periodic)
-    narrowed, ends = geometry.narrowed, opening(s, has_restitution)
+    geometry = pair(s, k, is_periodic=touch.is_periodic)
+    narrowed, ends = geometry.narrowed, opening(s, touch.bounces)
 
     def contact_settle(
         # model
@@ -609,7 +781,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, is_periodic: bool = 
                 n = narrowed(n_now)
                 speed = wp.dot(n, s.load(velocity, b) - s.load(velocity, a))
                 by_box = real(0.0)
-                if wp.static(is_periodic):
+                if wp.static(touch.is_periodic):
                     by_box = real(
                         wp.dot(
                             n_now,
@@ -634,7 +806,7 @@ def contact_settle(s: Laws, k: Laws, has_restitution: bool, is_periodic: bool = 
                     size = share * spring_law.impulse(debt, speed, yield_both)
                 contact_debt[e] = debt + real(0.5) * size * speed
                 contact_impulse[e] = size
-                if wp.static(is_periodic):
+                if wp.static(touch.is_periodic):
                     done = -real(0.5) * size * by_box
                     contact_box_work[t] = contact_box_work[t] + wp.float64(done)
                 if i == a:

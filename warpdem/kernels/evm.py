@@ -10,8 +10,9 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
-from .closing import closing
+from .closing import UNKNOWN, closing
 from .face import Faces, face
+from .friction import face_friction
 from .memory import kernel, nn
 from .volume import volume
 
@@ -249,6 +250,31 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
         return x
 
     @wp.func
+    def load_middle(
+        b: int,
+        c: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_length: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ):
+        """The middle of the bond as each element carries it: how far both have parted, and the
+        arms to them."""
+        i = nn(bond_i[b])
+        j = nn(bond_j[b])
+        e0 = k.load(evm_direction, c)
+        half = k.real(0.5) * evm_length[c]
+        ci = (evm_offset[nn(2 * c)] + half) * e0
+        cj = -(evm_offset[nn(2 * c + 1)] + half) * e0
+        xi = k.turn(k.load_rot(orientation, i), ci)
+        xj = k.turn(k.load_rot(orientation, j), cj)
+        delta = (k.load(displacement, j) - k.load(displacement, i)) + xj - xi
+        return narrowed(delta), narrowed(ci + xi), narrowed(cj + xj)
+
+    @wp.func
     def load_tilt(
         at: int, i: int, evm_tilt: wp.array(dtype=k.real), orientation: wp.array(dtype=k.real)
     ) -> vec:
@@ -289,7 +315,7 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
             x.bend_j = x.bend_j + load_tilt(nn(2 * c + 1), nn(bond_j[b]), evm_tilt, orientation)
         return x
 
-    return Laws(load_measures=load_measures, load_flowed=load_flowed)
+    return Laws(load_middle=load_middle, load_measures=load_measures, load_flowed=load_flowed)
 
 
 @cache
@@ -381,9 +407,14 @@ def evm_forces(
 
 
 @cache
-def evm_closing(s: Laws, k: Laws, has_slip: bool):
-    """Pass over listed EVM bonds: unlinked ones resist closing (theory B11)."""
+def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool, by_kind: bool):
+    """Pass over listed EVM bonds: unlinked ones resist closing (theory B11).
+
+    rubs: closed ones also resist sliding, as `friction.face_friction` has it, across the bond and
+    where its middle was. ages: as in `contact.contact_forces`.
+    """
     kinematics, law, contact, real = evm_kinematics(s, k, has_slip), evm(s), closing(s), s.real
+    rubbing = face_friction(s, k, ages)
 
     def evm_closing(
         # model
@@ -395,6 +426,10 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool):
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
+        closing_shear: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
+        friction_numbers: wp.array(dtype=wp.float64),
         # state read
         evm_slip: wp.array(dtype=real),
         evm_tilt: wp.array(dtype=k.real),
@@ -407,7 +442,14 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool):
         closing_gap: wp.array(dtype=real),
         closing_debt: wp.array(dtype=real),
         any_crossed: wp.array(dtype=int),
+        closing_slip: wp.array(dtype=k.real),
+        closing_spring: wp.array(dtype=real),
+        closing_theta: wp.array(dtype=wp.float64),
+        closing_slip_energy: wp.array(dtype=wp.float64),
         slack: real,
+        friction: real,
+        dt: real,
+        kinds: int,
         first: int,
         first_evm: int,
     ):
@@ -429,12 +471,29 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool):
                 orientation,
             )
             gap = x.elongation
+            pull = contact.pull(closing_stiffness[t], gap, slack)
             f, ti, tj = law.closing_force(
-                contact.pull(closing_stiffness[t], gap, slack),
-                real(evm_offset[nn(2 * c)]),
-                real(evm_offset[nn(2 * c + 1)]),
-                x,
+                pull, real(evm_offset[nn(2 * c)]), real(evm_offset[nn(2 * c + 1)]), x
             )
+            if wp.static(rubs):
+                delta, ci, cj = kinematics.load_middle(
+                    b, c, bond_i, bond_j, evm_direction, evm_length, evm_offset, displacement,
+                    orientation,
+                )  # fmt: skip
+                row = int(0)  # noqa: UP018, RUF046
+                mu = friction
+                if wp.static(by_kind):
+                    row = kinds * contact_kind[bond_i[b]] + contact_kind[bond_j[b]]
+                    mu = friction_table[row]
+                is_new = closing_gap[t] >= real(UNKNOWN)
+                hold = rubbing.rub(
+                    t, delta, x.d, pull, is_new, nn(bond_i[b]), orientation, mu, row,
+                    friction_numbers, closing_shear, closing_slip, closing_spring, closing_theta,
+                    closing_slip_energy, dt,
+                )  # fmt: skip
+                f += hold
+                ti += s.cross(ci + delta, hold)
+                tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap
@@ -568,7 +627,9 @@ def evm_energies(
 
 
 @cache
-def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, has_rows: bool, simd: bool = True):
+def evm_closing_energies(
+    s: Laws, k: Laws, has_slip: bool, rubs: bool, has_rows: bool, simd: bool = True
+):
     """Per listed EVM bond: the energy it holds, or would hold, unlinked [J].
 
     has_rows: of those in `rows` of the list alone.
@@ -585,11 +646,13 @@ def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, has_rows: bool, simd:
         evm_length: wp.array(dtype=k.real),
         evm_offset: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
+        closing_shear: wp.array(dtype=real),
         # state read
         evm_slip: wp.array(dtype=real),
         evm_tilt: wp.array(dtype=k.real),
         displacement: wp.array(dtype=k.real),
         orientation: wp.array(dtype=k.real),
+        closing_spring: wp.array(dtype=real),
         # written
         closing_energy: wp.array(dtype=real),
         first: int,
@@ -613,7 +676,11 @@ def evm_closing_energies(s: Laws, k: Laws, has_slip: bool, has_rows: bool, simd:
             orientation,
         )
         held = law.stretch(closing_stiffness[t], x)
-        closing_energy[t] = wp.where(x.elongation < real(0.0), held, real(0.0))
+        energy = wp.where(x.elongation < real(0.0), held, real(0.0))
+        if wp.static(rubs):
+            spring = s.load(closing_spring, t)
+            energy += real(0.5) * closing_shear[t] * wp.dot(spring, spring)
+        closing_energy[t] = energy
 
     return kernel(evm_closing_energies, simd)
 

@@ -8,11 +8,11 @@ from functools import cache
 
 import warp as wp
 
-from .algebra import Laws, narrow
+from .algebra import Laws
 from .closing import TURNED, UNKNOWN, closing
 from .contact import pair, pressing
 from .face import Faces, face
-from .friction import friction as friction_law
+from .friction import face_friction
 from .memory import kernel, nn
 from .volume import volume
 
@@ -83,15 +83,7 @@ def facet(s: Laws) -> Laws:
         tj = -s.cross(cj, f) - pull * s.cross(m, slip) + away
         return f, ti, tj
 
-    @wp.func
-    def rub(trial: vec, n: vec, limit: real) -> vec:
-        """Spring along the face that friction holds, no longer than `limit` [m]."""
-        along = trial - wp.dot(trial, n) * n
-        size = wp.length(along)
-        return wp.where(size > limit, (limit / wp.max(size, real(1.0e-30))) * along, along)
-
     return Laws(
-        rub=rub,
         energy=energy,
         bending_energy=bending_energy,
         bending_torque=bending_torque,
@@ -210,16 +202,17 @@ def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
 
 
 @cache
-def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch: str | None):
+def facet_closing(
+    s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, by_kind: bool, touch: str | None
+):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
-    rubs: closed ones also resist sliding, by a spring along the face that friction holds; how far
-    its anchor has slipped is kept in the frame of the first element. ages: as in
-    `contact.contact_forces`; touch: as in `turning`.
+    rubs: closed ones also resist sliding, as `friction.face_friction` has it. ages: as of
+    `contact.Touch`; touch: as in `turning`.
     """
     turned_law = turning(s, k, touch)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
-    widened, narrowed, holding = narrow(k, s), narrow(s, k), friction_law(s, True)
+    rubbing = face_friction(s, k, ages)
 
     def facet_closing(
         # model
@@ -230,6 +223,8 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
         bond_arm: wp.array(dtype=k.real),
         bond_jump: wp.array(dtype=k.real),
         closing_stiffness: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         contact_radius: wp.array(dtype=k.real),
         contact_width: wp.array(dtype=real),
@@ -254,6 +249,7 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
         slack: real,
         friction: real,
         dt: real,
+        kinds: int,
     ):
         t = wp.tid()
         b = nn(listed[t])
@@ -278,34 +274,18 @@ def facet_closing(s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, touch:
             f, ti, tj = law.closing_force(pull, held, slope, delta, ci, cj, p, m)
             f += aside
             if wp.static(rubs):
-                qi = k.load_rot(orientation, nn(bond_i[b]))
-                slip = k.load(closing_slip, t)
-                n = wp.normalize(p + m)
-                shear = closing_shear[t]
-                before = s.load(closing_spring, t)
-                trial = delta - narrowed(slip + k.turn(qi, slip))
-                limit = friction * wp.abs(pull) / shear
-                if closing_gap[t] >= real(UNKNOWN):  # unlinked just now: nothing holds it yet
-                    limit = real(0.0)
-                spring = law.rub(trial, n, limit)
-                whole = law.rub(trial, n, real(1.0e30))
-                if wp.static(ages):
-                    aged, theta = holding.held(
-                        whole, pull, shear, friction, 0, friction_numbers, closing_theta[t], dt
-                    )
-                    closing_theta[t] = theta
-                    spring = wp.where(closing_gap[t] >= real(UNKNOWN), s.vec(), aged)
-                taken = real(0.5) * shear * wp.dot(before + spring, whole - spring)
-                if closing_gap[t] >= real(UNKNOWN):
-                    taken = real(0.0)
-                closing_slip_energy[t] = closing_slip_energy[t] + wp.float64(taken)
-                anchor = widened(delta - spring)
-                k.store(closing_slip, t, anchor + k.turn_back(qi, anchor))
-                s.store(closing_spring, t, spring)
-                hold = shear * spring
+                row = int(0)  # noqa: UP018, RUF046
+                mu = friction
+                if wp.static(by_kind):
+                    row = kinds * contact_kind[bond_i[b]] + contact_kind[bond_j[b]]
+                    mu = friction_table[row]
+                is_new = closing_gap[t] >= real(UNKNOWN)
+                hold = rubbing.rub(
+                    t, delta, wp.normalize(p + m), pull, is_new, nn(bond_i[b]), orientation,
+                    mu, row, friction_numbers, closing_shear, closing_slip, closing_spring,
+                    closing_theta, closing_slip_energy, dt,
+                )  # fmt: skip
                 f += hold
-                # at the facet point of j: by the motion there in the frame of i, that of the
-                # anchor, the spring grows
                 ti += s.cross(ci + delta, hold)
                 tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)

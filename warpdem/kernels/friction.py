@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from .algebra import Laws
+from .algebra import Laws, narrow
 
 NUMBERS = 7  # of a law: mu0, a, b, V0, Dc, theta0, whether the slip law holds
 ROUNDS = 16  # of Newton's method at most; from its bound it needs about ln(ln(V/V0)) and five
@@ -136,3 +136,64 @@ def friction(s: Laws, ages: bool) -> Laws:
             return slid(trial, -mu * pull / stiffness), theta
 
     return Laws(slid=slid, held=held)
+
+
+@cache
+def face_friction(s: Laws, k: Laws, ages: bool) -> Laws:
+    """Friction on the closed face of an unlinked pair: a spring along it from an anchor that slips.
+
+    How far the anchor has slipped is kept in the frame of i. By the motion of j's point of the face
+    in that frame the spring grows, so its force acts there: at any other it would make energy.
+    """
+    real, vec, holding = s.real, s.vec, friction(s, ages)
+    widened, narrowed = narrow(k, s), narrow(s, k)
+
+    @wp.func
+    def rub(
+        t: int,
+        delta: vec,
+        n: vec,
+        pull: real,
+        is_new: bool,
+        i: int,
+        orientation: wp.array(dtype=k.real),
+        mu: real,
+        row: int,
+        friction_numbers: wp.array(dtype=wp.float64),
+        closing_shear: wp.array(dtype=real),
+        closing_slip: wp.array(dtype=k.real),
+        closing_spring: wp.array(dtype=real),
+        closing_theta: wp.array(dtype=wp.float64),
+        closing_slip_energy: wp.array(dtype=wp.float64),
+        dt: real,
+    ) -> vec:
+        """Force along the face on i [N] of listed pair t, whose history goes on by a step.
+
+        pull: along n; a tension, which a frequency is found with, holds as a pressure; is_new:
+        unlinked just now, so that nothing holds it yet.
+        """
+        frame = k.load_rot(orientation, i)
+        shear = closing_shear[t]
+        slip = k.load(closing_slip, t)
+        before = s.load(closing_spring, t)
+        gone = delta - narrowed(slip + k.turn(frame, slip))
+        trial = gone - wp.dot(gone, n) * n
+        theta = wp.float64(0.0)
+        if wp.static(ages):
+            theta = closing_theta[t]
+        spring, theta = holding.held(
+            trial, -wp.abs(pull), shear, mu, row, friction_numbers, theta, dt
+        )
+        taken = real(0.5) * shear * wp.dot(before + spring, trial - spring)
+        if is_new:
+            spring = vec()
+            taken = real(0.0)
+        if wp.static(ages):
+            closing_theta[t] = theta
+        closing_slip_energy[t] = closing_slip_energy[t] + wp.float64(taken)
+        anchor = widened(delta - spring)
+        k.store(closing_slip, t, anchor + k.turn_back(frame, anchor))
+        s.store(closing_spring, t, spring)
+        return shear * spring
+
+    return Laws(rub=rub)

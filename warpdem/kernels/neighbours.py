@@ -13,6 +13,7 @@ import warp as wp
 
 from .algebra import Laws
 from .closing import PARTED, TURNED, UNKNOWN
+from .contact import Touch
 from .memory import kernel, nn
 
 
@@ -342,9 +343,9 @@ def list_neighbours(k: Laws, is_periodic: bool):
 
 
 @cache
-def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool, welds: bool):
-    """Pass over elements that may touch: what the old list knew of their pairs (debts, tangential
-    springs, ages, welds) goes over to the new one."""
+def carry_over(s: Laws, touch: Touch):
+    """Pass over elements that may touch: what the old list knew of their pairs (debts, springs,
+    ages, pulls of dashpots, welds) goes over to the new one."""
     real = s.real
 
     def carry_over(
@@ -355,15 +356,19 @@ def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool, w
         old_debt: wp.array(dtype=real),
         old_spring: wp.array(dtype=real),
         old_theta: wp.array(dtype=wp.float64),
+        old_dashpot: wp.array(dtype=real),
+        old_roll: wp.array(dtype=real),
         old_welded: wp.array(dtype=int),
         old_pressed: wp.array(dtype=real),
         old_worked: wp.array(dtype=real),
         # written
-        contact_debt: wp.array(dtype=real),
         contact_impulse: wp.array(dtype=real),
         contact_opened: wp.array(dtype=int),
+        contact_debt: wp.array(dtype=real),
         contact_spring: wp.array(dtype=real),
         contact_theta: wp.array(dtype=wp.float64),
+        contact_dashpot: wp.array(dtype=real),
+        contact_roll: wp.array(dtype=real),
         contact_welded: wp.array(dtype=int),
         contact_pressed: wp.array(dtype=real),
         contact_worked: wp.array(dtype=real),
@@ -382,21 +387,31 @@ def carry_over(s: Laws, has_friction: bool, has_restitution: bool, ages: bool, w
             debt = real(0.0)
             spring = s.vec()
             theta = wp.float64(0.0)
+            dashpot = real(0.0)
+            roll = s.no_spin()
             if known:
                 debt = old_debt[at]
-                if wp.static(has_friction):
+                if wp.static(touch.rubs):
                     spring = s.load(old_spring, at)
-                if wp.static(ages):
+                if wp.static(touch.ages):
                     theta = old_theta[at]
+                if wp.static(touch.damps):
+                    dashpot = old_dashpot[at]
+                if wp.static(touch.rolls):
+                    roll = s.load_spin(old_roll, at)
             contact_debt[e] = debt
             contact_impulse[e] = real(0.0)
-            if wp.static(has_restitution):
+            if wp.static(touch.bounces):
                 contact_opened[e] = 0
-            if wp.static(has_friction):
+            if wp.static(touch.rubs):
                 s.store(contact_spring, e, spring)
-            if wp.static(ages):
+            if wp.static(touch.ages):
                 contact_theta[e] = theta
-            if wp.static(welds):
+            if wp.static(touch.damps):
+                contact_dashpot[e] = dashpot
+            if wp.static(touch.rolls):
+                s.store_spin(contact_roll, e, roll)
+            if wp.static(touch.welds):
                 weld_event[e] = 0
                 contact_welded[e] = 0
                 contact_pressed[e] = real(0.0)

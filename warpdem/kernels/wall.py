@@ -12,7 +12,7 @@ import warp as wp
 
 from .algebra import Laws, narrow, space
 from .closing import closing
-from .contact import contact, opening, pressing
+from .contact import Touch, contact, opening, pressing
 from .memory import kernel
 
 PLANE, SPHERE, CYLINDER, BOX, MESH = range(5)
@@ -236,20 +236,9 @@ def placing(s: Laws, k: Laws) -> Laws:
 
 
 @cache
-def wall_forces(
-    s: Laws,
-    k: Laws,
-    kinds: frozenset[int],
-    has_friction: bool,
-    ages: bool,
-    has_restitution: bool,
-    is_hertz: bool = False,
-):
-    """Pass over elements that may touch: what walls add to the forces of contacts.
-
-    ages: as in `contact.contact_forces`.
-    """
-    real, law, spring_law = s.real, contact(s, ages), pressing(s, is_hertz)
+def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
+    """Pass over elements that may touch: what walls add to the forces of contacts."""
+    real, law, spring_law = s.real, contact(s, touch.ages), pressing(s, touch.is_hertz)
     shape, where, double = shapes(s.dim, kinds), placing(s, k), wp.float64
     narrowed, widened = where.narrowed, where.widened
 
@@ -261,12 +250,17 @@ def wall_forces(
         contact_width: wp.array(dtype=real),
         contact_compliance: wp.array(dtype=real),
         contact_shear: wp.array(dtype=real),
+        inverse_mass: wp.array(dtype=real),
         wall_kind: wp.array(dtype=int),
         wall_shape: wp.array(dtype=wp.float64),
         wall_mesh: wp.array(dtype=wp.uint64),
         wall_first_face: wp.array(dtype=int),
         face_place: wp.array(dtype=wp.float64),
         wall_friction: wp.array(dtype=real),
+        wall_rolling: wp.array(dtype=real),
+        wall_twisting: wp.array(dtype=real),
+        contact_kind: wp.array(dtype=int),
+        friction_table: wp.array(dtype=real),
         friction_numbers: wp.array(dtype=wp.float64),
         # state read
         wall_place: wp.array(dtype=wp.float64),
@@ -280,8 +274,11 @@ def wall_forces(
         angular_velocity: wp.array(dtype=real),
         # written
         slip_energy: wp.array(dtype=wp.float64),
+        restitution_energy: wp.array(dtype=wp.float64),
         wall_debt: wp.array(dtype=real),
         wall_opened: wp.array(dtype=int),
+        wall_dashpot: wp.array(dtype=real),
+        wall_roll: wp.array(dtype=real),
         wall_spring: wp.array(dtype=real),
         wall_theta: wp.array(dtype=wp.float64),
         wall_reaction: wp.array(dtype=real),
@@ -291,8 +288,10 @@ def wall_forces(
         contact_moment: wp.array(dtype=real),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
+        damping: real,
         dt: real,
         first_place: int,
+        kinds: int,
         rows: int,
         walls: int,
     ):
@@ -344,29 +343,60 @@ def wall_forces(
                 wall_debt[e] = wall_debt[e] + owed + real(0.5) * wp.dot(f + f_before, motion)
                 if (gap < real(0.0)) != (before < real(0.0)):
                     any_touched[0] = 1
-                    if wp.static(has_restitution) and gap >= real(0.0):
+                    if wp.static(touch.bounces) and gap >= real(0.0):
                         wall_opened[e] = 1
+                if wp.static(touch.damps):
+                    give = wp.dot(n, wp.cw_mul(s.load(inverse_mass, i), n))
+                    speed = wp.dot(n, motion) / wp.max(dt, real(1.0e-30))
+                    last = wall_dashpot[e]
+                    own = spring_law.resisted(
+                        pull, stiffness, before, gap, speed, give, damping, dt
+                    )
+                    wall_dashpot[e] = own
+                    lost = real(0.5) * wp.dot(own * n + last * nb, motion)
+                    restitution_energy[t] = restitution_energy[t] + double(lost)
+                    pull += own
+                    f = -pull * n
+                    f_before -= last * nb
                 arm = real(d)
-                if wp.static(has_friction):
+                if wp.static(touch.rubs or touch.rolls):
                     shear = wide / contact_shear[i]
+                if wp.static(touch.rolls):
+                    old_roll = s.load_spin(wall_roll, e)
+                    roll, worn = law.rolled(
+                        old_roll, nb, n, ww, wi, real(radius), shear, pull, wall_rolling[w],
+                        wall_twisting[w], dt,
+                    )  # fmt: skip
+                    s.store_spin(wall_roll, e, roll)
+                    slip_energy[t] = slip_energy[t] + double(worn)
+                    twist = (-shear * real(radius)) * roll
+                    turning = twist - (shear * real(radius)) * old_roll
+                    torque += twist
+                if wp.static(touch.rubs):
+                    row = 1 + w
+                    mu = wall_friction[w]
+                    if wp.static(touch.by_kind):
+                        row = kinds * (kinds + w) + contact_kind[i]
+                        mu = friction_table[row]
                     old = s.load(wall_spring, e)
                     # from the wall, a, to the element, b, whose arms end where they touch
                     theta = double(0.0)
-                    if wp.static(ages):
+                    if wp.static(touch.ages):
                         theta = wall_theta[e]
                     spring, theta, taken = law.rub(
-                        old, nb, n, -arm, arm, motion, ww, wi, shear, pull, wall_friction[w], 1 + w,
+                        old, nb, n, -arm, arm, motion, ww, wi, shear, pull, mu, row,
                         friction_numbers, theta, dt,
                     )  # fmt: skip
-                    if wp.static(ages):
+                    if wp.static(touch.ages):
                         wall_theta[e] = theta
                     s.store(wall_spring, e, spring)
                     f -= shear * spring
                     f_before -= shear * old
                     slip_energy[t] = slip_energy[t] + double(taken)
-                    twist = arm * s.cross(n, shear * spring)
-                    turning = twist + real(d_before) * s.cross(nb, shear * old)
-                    torque += twist
+                    rubbed = arm * s.cross(n, shear * spring)
+                    twist += rubbed
+                    turning += rubbed + real(d_before) * s.cross(nb, shear * old)
+                    torque += rubbed
                 force += f
                 moment -= arm * wp.outer(s.embed(n), s.embed(f))
                 done = real(0.5) * wp.dot(f + f_before, carried) + s.spin_dot(turning, half)
@@ -382,11 +412,9 @@ def wall_forces(
 
 
 @cache
-def wall_energies(
-    s: Laws, k: Laws, kinds: frozenset[int], has_friction: bool, is_hertz: bool = False
-):
+def wall_energies(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
     """Per element that may touch: what walls add to the energy of contacts [J]."""
-    real, law, spring_law = s.real, contact(s), pressing(s, is_hertz)
+    real, law, spring_law = s.real, contact(s), pressing(s, touch.is_hertz)
     shape, where = shapes(s.dim, kinds), placing(s, k)
 
     def wall_energies(
@@ -407,6 +435,7 @@ def wall_energies(
         wall_turn: wp.array(dtype=wp.float64),
         displacement: wp.array(dtype=k.real),
         wall_spring: wp.array(dtype=real),
+        wall_roll: wp.array(dtype=real),
         # written
         contact_energy: wp.array(dtype=real),
         rows: int,
@@ -426,7 +455,10 @@ def wall_energies(
             if d < radius:
                 stiffness = spring_law.against_wall(real(radius), wide, contact_compliance[i])
                 energy += spring_law.energy(stiffness, real(d - radius))
-                if wp.static(has_friction):
+                if wp.static(touch.rolls):
+                    roll = s.load_spin(wall_roll, w * rows + t)
+                    energy += real(0.5) * wide / contact_shear[i] * s.spin_squared(roll)
+                if wp.static(touch.rubs):
                     spring = s.load(wall_spring, w * rows + t)
                     energy += real(0.5) * wide / contact_shear[i] * wp.dot(spring, spring)
         contact_energy[t] = energy
@@ -435,9 +467,9 @@ def wall_energies(
 
 
 @cache
-def wall_settle(s: Laws, k: Laws, kinds: frozenset[int], has_restitution: bool):
+def wall_settle(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
     """Pass over elements that may touch: what is owed to walls is paid by impulses along n."""
-    real, spring_law, ends = s.real, closing(s), opening(s, has_restitution)
+    real, spring_law, ends = s.real, closing(s), opening(s, touch.bounces)
     shape, where = shapes(s.dim, kinds), placing(s, k)
     double = wp.float64
 

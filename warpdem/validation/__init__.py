@@ -15,6 +15,7 @@ from . import (  # noqa: F401  they register
     plastic,
     relink,
     rock,
+    rolling,
     search,
     visco,
     wall,

@@ -555,9 +555,9 @@ def _bounded(
         body = scene.add(p, UNIT, bond)
         rng = np.random.default_rng(5)
         v = 1e-3 * rng.normal(size=p.position.shape) if velocity is None else velocity
+        dt = 0.05 * Simulation(scene, precision=precision).dt_limit
         scene.set_velocity(body, v, np.zeros(3) if spin is None else spin)
-        sim = Simulation(scene, precision=precision)
-        sim = Simulation(scene, precision=precision, dt=0.05 * sim.dt_limit)
+        sim = Simulation(scene, precision=precision, dt=dt)
         worst = 0.0
         for _ in range(20):
             sim.run(steps=steps // 20)

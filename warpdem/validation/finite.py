@@ -393,7 +393,7 @@ def _stretching(dim: int, rate: float) -> Callable[[float], Array]:
     return path
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_renewed() -> Iterator[Measurement]:
     """Pure shear to a logarithmic strain of 1 with faces renewed at slips of 0.3, and without."""
     rate = 2e-3
@@ -556,7 +556,7 @@ def _pulled(
     return sim
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_renewed_bar() -> Iterator[Measurement]:
     """Plane bars with free sides and stable hardening, pulled to twice their length, renewed."""
     law, rate, top = VonMises(2e-3, Linear(2e-2)), 4e-4, 0.7

@@ -73,7 +73,7 @@ def patch_tests() -> Iterator[Measurement]:
         yield vanishing(f"displacement over strain, {where}", "uniform", float(error), 1e-10)
 
 
-@case("mca")
+@case("mca", slow=True)
 def free_sided_tension() -> Iterator[Measurement]:
     """A plate 60 elements across pulled between affine grips, sides free: E and nu inside."""
     for name, plane, poisson in product(
@@ -117,7 +117,7 @@ def _tension(name: str, plane: str, poisson: float, across: int) -> tuple[float,
     return float(stress / fit[1]), float(-fit[0] / fit[1])
 
 
-@case("mca")
+@case("mca", slow=True)
 def laminate() -> Iterator[Measurement]:
     """Layers of two materials: modulus across and along them, at 1 to 8 elements a layer.
 

@@ -38,7 +38,7 @@ def _pressed(p: Packing, healing: Healing | None, precision: str) -> Simulation:
     return Simulation(scene, precision=precision)
 
 
-@case("relink")
+@case("relink", slow=True)
 def links_keep_the_force() -> Iterator[Measurement]:
     """Two pressed and sheared halves weld: forces, torques and energy beside those of a twin that
     does not."""

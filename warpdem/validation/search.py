@@ -92,7 +92,7 @@ def pairs_touch_through_sides() -> Iterator[Measurement]:
         yield vanishing(f"energy missing, {where}", "conserved", abs(missing[0]), 1e-4)
 
 
-@case("search")
+@case("search", slow=True)
 def broken_periodic_bodies() -> Iterator[Measurement]:
     """All bonds of a strained periodic body break in one step; its pieces push each other, through
     the sides too, while the box shrinks."""

@@ -143,7 +143,7 @@ def a_mesh_is_the_box_it_makes() -> Iterator[Measurement]:
     yield vanishing("difference over the largest", "the box", worst / largest, 1e-14)
 
 
-@case("wall")
+@case("wall", slow=True)
 def elements_fall_onto_walls() -> Iterator[Measurement]:
     """An element falls onto every shape, fixed or turning as it moves, and leaves: energy, with the
     walls' work. Friction's books are of second order: with it dt is a tenth of its limit."""

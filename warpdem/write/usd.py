@@ -35,7 +35,8 @@ class UsdWriter:
     fields velocity [m/s], mean_stress [Pa], von_mises [Pa], damage and, where bodies may flow,
     plastic_strain as primvars; broken bonds are linear curves, /World/broken_bonds, and so are the
     linked bonds of bodies without faces, /World/bonds. Walls are /World/wall_0 and so on, with
-    their motion; infinite ones end beyond the scene. Lengths are in metres, z is up, a plane
+    their motion; infinite ones end beyond the scene. /World/camera looks at all of it, along z at a
+    plane scene and along y in space. Lengths are in metres, z is up, a plane
     scene lies at z = 0. One time code is one frame; the simulated time [s] of each is the attribute
     `warpdem:time` of /World.
 
@@ -171,6 +172,7 @@ class UsdWriter:
         self._broken = self._define_curves(stage, "broken_bonds", 0.2, (0.85, 0.1, 0.1))
         if self._rods.any():
             self._bonds = self._define_curves(stage, "bonds", 0.3, (0.5, 0.5, 0.55))
+        _define_camera(stage, in_space(sim.position), sim.model.features.dim)
         self._wall_moves = [
             _define_wall(stage, f"/World/wall_{n}", wall.shape, self._size)
             for n, wall in enumerate(sim.scene.walls)
@@ -211,6 +213,24 @@ class UsdWriter:
         curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), time)
         width = np.full(2 * len(ends), curves.GetWidthsAttr().Get()[0])
         curves.GetExtentAttr().Set(_extent(ends.reshape(-1, 3), width), time)
+
+
+def _define_camera(stage: Usd.Stage, place: Array, dim: int) -> None:
+    """A camera without perspective that sees all elements, with a tenth around them."""
+    low, high = place.min(axis=0), place.max(axis=0)
+    middle, size = 0.5 * (low + high), high - low
+    reach = float(np.linalg.norm(size))
+    camera = UsdGeom.Camera.Define(stage, "/World/camera")
+    camera.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
+    # it looks along its own -z, its y is up; apertures are tenths of the scene's unit
+    up = 1 if dim == 2 else 2
+    camera.CreateHorizontalApertureAttr(12.0 * float(size[0]))
+    camera.CreateVerticalApertureAttr(12.0 * float(size[up]))
+    camera.CreateClippingRangeAttr(Gf.Vec2f(0.01 * reach, 4.0 * reach))
+    back = np.array([0.0, 0.0, 2.0 * reach] if dim == 2 else [0.0, -2.0 * reach, 0.0])
+    camera.AddTranslateOp().Set(Gf.Vec3d(*(middle + back).tolist()))
+    if dim == 3:
+        camera.AddRotateXOp().Set(90.0)
 
 
 def _export(layer: Sdf.Layer, path: Path) -> None:
