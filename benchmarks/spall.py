@@ -22,16 +22,13 @@ import peer
 
 from warpdem.neighbours import Neighbours
 from warpdem.passes import Passes
+from warpdem.step import Step
 from warpdem.write.whole import write_json
 
 HERE = Path(__file__).parent
 # what each kernel is for; the rest of the time is the host's
 PARTS = {
     "break_": "breaking",
-    "log_breaks": "breaking",
-    "evm_unlink": "breaking",
-    "evm_energies": "breaking",
-    "evm_closing_energies": "breaking",
     "evm_forces": "forces",
     "evm_closing": "closing of broken bonds",
     "evm_settle": "closing of broken bonds",
@@ -42,8 +39,8 @@ PARTS = {
 
 @contextmanager
 def watched(spent: dict[str, float]):
-    """Time each launch of passes, and each building of the list of neighbours."""
-    launch, build = Passes.launch, Neighbours.build
+    """Time each launch of passes, each list of neighbours, and what follows when bonds break."""
+    launch, build, break_bonds = Passes.launch, Neighbours.build, Step.break_bonds
 
     def timed(name: str, function: Callable[..., Any], *given: Any) -> Any:
         began = time.perf_counter()
@@ -56,11 +53,13 @@ def watched(spent: dict[str, float]):
             timed(x.kernel.key.split("__")[-1], x.launch)
 
     Passes.launch = one_by_one  # type: ignore[method-assign]
-    Neighbours.build = lambda own: timed("search", build, own)  # type: ignore[method-assign]
+    Neighbours.build = lambda *given: timed("search", build, *given)  # type: ignore[method-assign]
+    Step.break_bonds = lambda own: timed("break_bonds", break_bonds, own)  # type: ignore[method-assign]
     try:
         yield
     finally:
         Passes.launch, Neighbours.build = launch, build  # type: ignore[method-assign]
+        Step.break_bonds = break_bonds  # type: ignore[method-assign]
 
 
 def shares(bodies: peer.Bodies, precision: str, steps: int) -> dict[str, float]:

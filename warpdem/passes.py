@@ -170,14 +170,16 @@ class Varying:
         self.launched, self.part = launch, part
         names = [x.label for x in launch.kernel.adj.args]
         self._takes_first = "first" in names
-        self._first = -1
+        self._first = self._count = -1
 
     def launch(self) -> None:
         """Launch it."""
         part = self.part
         if not part.count:
             return
-        self.launched.set_dim(part.count)
+        if part.count != self._count:
+            self._count = part.count
+            self.launched.set_dim(part.count)
         if self._takes_first and part.first != self._first:
             self._first = part.first
             self.launched.set_param_by_name("first", part.first)

@@ -24,11 +24,13 @@ class Patch:
         # forces on an element's other bonds change as well where its volume has an energy
         self._spreads = f.has_volume or f.finite_strain
         most = {"rows": listed, "bonds": listed, "elements": len(model.listed_elements)}
-        most |= {"near_bonds": listed, "near_elements": len(model.listed_elements)}
-        if self._spreads:
-            most["near_bonds"], most["near_elements"] = model.bonds, model.elements
+        near, near_elements = self._near(model.listed_bonds, model.listed_elements)
+        most |= {"near_bonds": len(near), "near_elements": len(near_elements)}
         for name, size in most.items():
             arrays["patch_" + name] = wp.zeros(size, dtype=wp.int32, device=device)
+        # on a CPU, views of the same memory
+        own = [x for x in most if wp.get_device(device).is_cpu]
+        self._views = {x: arrays["patch_" + x].numpy() for x in own}
         self.facets, self.evm, self.bonds, self.elements = Part(), Part(), Part(), Part()
         self.near_facets, self.near_evm, self.near_elements = Part(), Part(), Part()
 
@@ -38,15 +40,11 @@ class Patch:
         assert m.listed_bonds is not None
         bonds = m.listed_bonds[rows]
         elements = self._ends(bonds)
-        near, near_elements = bonds, elements
-        if self._spreads:
-            near = np.unique(m.incidence[:, elements] >> 1)
-            near = near[near < m.bonds]
-            near_elements = self._ends(near)
+        near, near_elements = self._near(bonds, elements)
         lists: dict[str, NDArray] = {"rows": rows, "bonds": bonds, "elements": elements}
         lists |= {"near_bonds": near, "near_elements": near_elements}
         for name, ids in lists.items():
-            self._write("patch_" + name, ids.astype(np.int32))
+            self._write(name, ids)
         for facets, evm, ids in (
             (self.facets, self.evm, bonds),
             (self.near_facets, self.near_evm, near),
@@ -60,6 +58,17 @@ class Patch:
         """Elements of bonds."""
         return np.unique(np.concatenate([self._model.bond_i[bonds], self._model.bond_j[bonds]]))
 
-    def _write(self, name: str, ids: NDArray[np.int32]) -> None:
-        if len(ids):
-            wp.copy(self._arrays[name], wp.array(ids, device=self._device), count=len(ids))
+    def _near(self, bonds: NDArray, elements: NDArray) -> tuple[NDArray, NDArray]:
+        """Bonds whose forces change with these bonds of these elements, and their elements."""
+        if not self._spreads:
+            return bonds, elements
+        near = np.unique(self._model.incidence[:, elements] >> 1)
+        near = near[near < self._model.bonds]
+        return near, self._ends(near)
+
+    def _write(self, name: str, ids: NDArray) -> None:
+        if name in self._views:
+            self._views[name][: len(ids)] = ids
+        elif len(ids):
+            given = wp.array(ids.astype(np.int32), device=self._device)
+            wp.copy(self._arrays["patch_" + name], given, count=len(ids))

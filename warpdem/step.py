@@ -484,8 +484,8 @@ class Step:
     def _broken(self) -> NDArray[np.intp]:
         """Rows of the listed bonds that broke or softened just now."""
         listed = self.model.listed_bonds
-        kept = self.arrays["bond_keep" if self.model.softens else "bond_linked"].numpy()[listed]
-        return np.flatnonzero((kept < 1.0) & (self.arrays["break_step"].numpy()[listed] == -1))
+        kept = self.look("bond_keep" if self.model.softens else "bond_linked")[listed]
+        return np.flatnonzero((kept < 1.0) & (self.look("break_step")[listed] == -1))
 
     def relink_bonds(self) -> None:
         """Link the bonds that were found to, at this instant, with the forces they have.
@@ -1291,7 +1291,7 @@ class Step:
 
     def _near_integrator_energy(self) -> float:
         self._near_integrator.launch()
-        energy = self.arrays["near_integrator_energy"].numpy()
+        energy = self.look("near_integrator_energy")
         return float(energy[: self._patch.near_elements.count].sum(dtype=np.float64))
 
     def _raised(self, name: str) -> bool:
