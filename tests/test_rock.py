@@ -262,6 +262,7 @@ def test_scene_of_a_test_is_valid_and_shows_its_breaking(pressed):
     assert counts[-1] > 0.8 * result.broken_bonds
 
 
+@pytest.mark.slow
 def test_a_confined_specimen_bears_more_than_an_unconfined_one(pressed):
     p = Confined(**SMALL)
     result = confined(p)
@@ -362,6 +363,7 @@ def test_strength_envelope(tmp_path):
         strength_envelope(pressures=(1e6, 1e6))
 
 
+@pytest.mark.slow
 def test_calibration_finds_what_was_wanted():
     said = []
     found = wd.calibrate_strength(6e6, 40e6, Specimen(**SMALL), tolerance=0.1, tell=said.append)

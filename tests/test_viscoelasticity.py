@@ -124,6 +124,7 @@ def test_observing_and_repeating_change_no_bit(law):
     assert np.array_equal(runs[0].displacement, runs[1].displacement)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_vectorised_and_plain_loops_agree(law):
     fast, plain = (
