@@ -33,7 +33,7 @@ def test_results_do_not_depend_on_threads(precision):
     assert one.energy() == two.energy()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_loose_elements_do_not_depend_on_threads(dim):
     """The search, contact and closing of faces that turn away from each other."""
     if dim == 2:

@@ -236,7 +236,7 @@ def tumbling() -> Iterator[Measurement]:
         yield vanishing(what, "no drift", drift, max(kept, 1e-5))
 
 
-@case("evm")
+@case("evm", slow=True)
 def tumbling_cluster() -> Iterator[Measurement]:
     """Four bonded masses with the same moments tumble with the same period."""
     x = np.array([[sqrt(2.0), 0, 0], [-sqrt(2.0), 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
@@ -497,7 +497,7 @@ def stability_limits() -> Iterator[Measurement]:
 # -- hard cases -----------------------------------------------------------------------------------
 
 
-@case("evm")
+@case("evm", slow=True)
 def hard_cases() -> Iterator[Measurement]:
     """Finite and bounded where one would not look (theory C5, rows 52 and 53)."""
     bond = EVMBond(1.0, 0.4, 0.05, 0.04)

@@ -51,7 +51,7 @@ def _moment(place: Array, force: Array) -> Array:
     return np.cross(place, force).sum(axis=0)
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_forces() -> Iterator[Measurement]:
     """Random places, turns, slips and plastic dilations: forces and torques against the energy."""
     for name in ("hexagonal", "Voronoi", "fcc", "Voronoi in space"):
@@ -258,7 +258,7 @@ def finite_strain_return() -> Iterator[Measurement]:
             yield vanishing(f"{name}: {what} after it, evaluated anew", "the same", error, 1e-12)
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_flow() -> Iterator[Measurement]:
     """Periodic Voronoi bodies that flow: stretched to 50 % with sides held, and much further."""
     strength = 1e-3
@@ -332,7 +332,7 @@ def finite_strain_flow() -> Iterator[Measurement]:
         )
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_books() -> Iterator[Measurement]:
     """Bodies that spin, stretch and flow freely, and a bar that is pulled: momenta, ledger."""
     for name, p in {

@@ -84,7 +84,7 @@ def pressed(
     return sim, float(m.contact_compliance[0] / m.contact_shear[0] / sag)
 
 
-@case("friction")
+@case("friction", slow=True)
 def velocity_steps() -> Iterator[Measurement]:
     """A pressed element is driven at V0, then at e V0: friction all the way against SciPy's, the
     jump +a at first, (a - b) in the end."""

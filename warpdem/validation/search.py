@@ -57,7 +57,7 @@ def _shrinking(time: float) -> Array:
     return -_growing(time)
 
 
-@case("search")
+@case("search", slow=True)
 def pairs_touch_through_sides() -> Iterator[Measurement]:
     """Two elements that meet through the sides of a periodic box, at rest and as its strain
     changes, beside the same two in free space."""
@@ -167,7 +167,7 @@ def _rubble(dim: int, pressed: float, friction: float = 0.3, seed: int = 4) -> S
     return Simulation(scene)
 
 
-@case("search")
+@case("search", slow=True)
 def rubble_spins_and_flies() -> Iterator[Measurement]:
     """Loose elements, at first pressed on each other, that spin, push each other and fly apart:
     momenta step by step, energy, and the same bits in five runs."""

@@ -81,7 +81,7 @@ def _rigid(x: Array, radius: float, shape: Shape, **motion) -> Simulation:
     return Simulation(scene, dt=1e-3, force_dt=True)
 
 
-@case("wall")
+@case("wall", slow=True)
 def distances_of_shapes() -> Iterator[Measurement]:
     """Force on one element at random places of a turned, displaced shape: k times the overlap that
     the host's signed distance gives, along its gradient by central differences."""

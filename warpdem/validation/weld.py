@@ -45,7 +45,7 @@ def _compliance(sim: Simulation) -> float:
     return float(sim.model.contact_compliance[0])
 
 
-@case("weld")
+@case("weld", slow=True)
 def welds_keep_the_force() -> Iterator[Measurement]:
     """Two loose blocks pressed and sheared, beside a twin that does not weld: force, energy."""
     for dim in (2, 3):
