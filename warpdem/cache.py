@@ -52,7 +52,7 @@ def _load(module: Any, device: Any, block_dim: int | None = None, *more: Any, **
         if not there:
             _refuse(wp.config.kernel_cache_dir, error)
         found = None
-    except Exception:  # whatever Warp says of files that it cannot load
+    except Exception:  # Warp raises no narrower one for files that it cannot load
         if not there:
             raise
         found = None

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from .errors import InputError, one_of
 from .experiments.described import Experiment, find, write_given
 from .experiments.shared import CHECKPOINT, Say, silent
+from .write.claim import alone
 from .write.whole import folder, whole, write_json
 
 INTERRUPTED = (128 + signal.SIGINT, 128 + signal.SIGTERM)  # status of runs that saved their state
@@ -172,7 +173,7 @@ def sweep(
         runs.append(Run(where / _folder_name(name, given, swept), given))
     _refuse_if_none_valid(experiment, runs)
     found = Sweep(experiment, runs, swept, result or experiment.results[0], against or swept[0])
-    with _alone(where):
+    with alone(where, "another sweep works in"):
         for run in runs:
             run.read()
         wanted = ("new", "interrupted", "failed") if retry else ("new", "interrupted")
@@ -291,30 +292,6 @@ def _refuse_if_none_valid(experiment: Experiment, runs: list[Run]) -> None:
         except InputError as error:
             said = str(error)
     raise InputError(f"no combination can be run; the last: {said}")
-
-
-class _alone:  # noqa: N801
-    """Holds the folder while a sweep works in it."""
-
-    def __init__(self, where: Path) -> None:
-        try:
-            from filelock import FileLock
-        except ImportError:
-            raise InputError('sweeps need: pip install "warpdem[cluster]".') from None
-        self.where, self.lock = where, FileLock(where / ".lock")
-
-    def __enter__(self) -> None:
-        from filelock import Timeout
-
-        try:
-            self.lock.acquire(timeout=0)
-        except Timeout:
-            raise InputError(
-                f"another sweep works in {self.where}; wait for its end or choose another folder."
-            ) from None
-
-    def __exit__(self, *_: object) -> None:
-        self.lock.release()
 
 
 def _start(command: list[str], log: Path) -> subprocess.Popen[bytes]:

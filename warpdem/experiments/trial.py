@@ -90,7 +90,7 @@ class Run:
 
 
 @dataclass
-class TrialResult(Result):
+class TrialResult(Result, ABC):
     """What came out of a trial: its numbers, the series over time, and the pieces if it breaks."""
 
     series: Series = field(repr=False)
@@ -100,14 +100,14 @@ class TrialResult(Result):
     objects: ClassVar[tuple[str, ...]] = ("simulation", "series", "pieces", "parameters")
 
     @property
+    @abstractmethod
     def told(self) -> list[str]:
         """The result in words, line by line."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def charts(self) -> list[Chart]:
         """The result in curves."""
-        raise NotImplementedError
 
 
 def lattice_disc(diameter: float, spacing: float, plane: str) -> Packing:

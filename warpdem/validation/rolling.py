@@ -4,13 +4,11 @@ from collections.abc import Iterator
 from math import pi
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ..errors import Array
 from ..scene import Scene
 from ..simulation import Simulation
 from .case import Measurement, case
-from .contact import SOFT, ball, momenta
+from .contact import SOFT, ball, momenta, turned_once
 from .core import vanishing
 
 ROLLING, TWISTING = 0.05, 0.03
@@ -233,24 +231,11 @@ def _turned_rigidly() -> Iterator[Measurement]:
     scene.add(ball(np.array([0.9, 0.0, 0.0]), 0.5), SOFT)
     scene.contact(rolling_friction=100.0, twisting_friction=100.0)
     sim = Simulation(scene, dt=2.0 * pi / steps, force_dt=True)
-    step = sim._step
-    spring = np.array([0.015, 0.01, 0.02])
-    whole = np.zeros(step.arrays["contact_roll"].size)
+    spring, rolls = np.array([0.015, 0.01, 0.02]), sim._step.arrays["contact_roll"]
+    whole = np.zeros(rolls.size)
     whole[:6] = np.tile(spring, 2)
-    step.arrays["contact_roll"].assign(whole)
-    x: Array = sim.position
-    worst = 0.0
-    for k in range(1, steps + 1):
-        turn = Rotation.from_rotvec(2.0 * pi * k / steps * omega)
-        now = turn.apply(sim.model.position)
-        step.upload("displacement", now - sim.model.position)
-        step.upload("velocity", (now - x) / sim.dt)
-        step.upload("angular_velocity", np.tile(omega, (2, 1)))
-        x = now
-        step._touch(moves=True)
-        found = step.arrays["contact_roll"].numpy()[:6].reshape(2, 3)
-        worst = max(worst, float(np.abs(found - turn.apply(spring)).max()))
-    error = worst / float(np.linalg.norm(spring))
+    rolls.assign(whole)
+    error = turned_once(sim, "contact_roll", spring, omega, steps)
     yield vanishing("spring on the way through a turn", "turned with the pair", error, 1e-5)
     lost = abs(sim.energy()["friction"])
     yield vanishing("taken through a turn", "nothing rolls", lost, 1e-20)

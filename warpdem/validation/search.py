@@ -5,7 +5,6 @@ from dataclasses import replace
 from math import pi
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .. import packing
 from ..criteria import Rankine
@@ -14,7 +13,7 @@ from ..material import Material
 from ..scene import Body, Scene
 from ..simulation import Simulation
 from .case import Measurement, case
-from .contact import ball, momenta
+from .contact import ball, momenta, turned_once
 from .core import vanishing
 
 SOFT = Material(1.0, 0.3, 1.0)
@@ -212,27 +211,13 @@ def rubble_spins_and_flies() -> Iterator[Measurement]:
         yield vanishing(f"numbers that differ in five runs, {dim}D", "same bits", differs, 0.0)
 
 
-def _turned(sim: Simulation, start: Array, turn: Rotation, omega: Array, last: Array) -> Array:
-    """Put all elements where a rigid turn brings them, moving as it ends; their places."""
-    dim = start.shape[1]
-    wide = np.zeros((len(start), 3))
-    wide[:, :dim] = start
-    now = turn.apply(wide)[:, :dim]
-    q = turn.as_quat()
-    step = sim._step
-    step.upload("displacement", now - sim.model.position)
-    step.upload("velocity", (now - last) / sim.dt)
-    step.upload("angular_velocity", np.tile(omega if dim == 3 else omega[2:], (len(start), 1)))
-    step.upload("orientation", np.tile(q if dim == 3 else q[2:], (len(start), 1)))
-    return now
-
-
 @case("search")
 def pressed_pairs_turn_once() -> Iterator[Measurement]:
     """A pressed pair with a tangential spring turns rigidly once, 1000 steps: two elements that
     touch, and two faces of a broken bond, in the plane and about any axis in space."""
     steps = 1000
-    axes = [(2, [0.0, 0.0, 1.0]), (3, [0.3, -0.5, 0.8]), (3, [1.0, 0.0, 0.2]), (3, [0.0, 1.0, 0.0])]
+    axes = [(2, [0.0, 0.0, 1.0]), (3, [0.3, -0.5, 0.8]), (3, [1.0, 0.0, 0.2])]
+    axes += [(3, [0.0, 1.0, 0.0]), (3, [0.0, 0.0, 1.0])]
     for dim, axis in axes:
         for faces in (False, True):
             omega = np.array(axis) / np.linalg.norm(axis)
@@ -248,28 +233,18 @@ def pressed_pairs_turn_once() -> Iterator[Measurement]:
                 scene.add(ball(0.9 * np.eye(dim)[0], 0.5), SOFT)
             scene.contact(friction=100.0)
             sim = Simulation(scene, dt=2.0 * pi / steps, force_dt=True)
-            step, start = sim._step, sim.position
-            spring = np.array([0.0, 0.01, 0.02])
-            spring[dim:] = 0.0
+            step, spring = sim._step, np.array([0.0, 0.01, 0.02])[:dim]
             if faces:
-                step.upload("closing_spring", spring[None, :dim])
-                step.upload("closing_slip", (-0.05 * np.eye(dim)[0] - spring[:dim])[None])
+                name = "closing_spring"
+                step.upload(name, spring[None])
+                step.upload("closing_slip", (-0.05 * np.eye(dim)[0] - spring)[None])
             else:
-                whole = np.zeros(step.arrays["contact_spring"].size)
-                whole[: 2 * dim] = np.tile(spring[:dim], 2)
-                step.arrays["contact_spring"].assign(whole)
-            last, worst = start, 0.0
-            name = "closing_spring" if faces else "contact_spring"
-            for n in range(1, steps + 1):
-                turn = Rotation.from_rotvec(2.0 * pi * n / steps * omega)
-                last = _turned(sim, start, turn, omega, last)
-                step._touch(moves=True)
-                if faces:
-                    step._evaluate.launch()
-                found = step.arrays[name].numpy()[:dim]
-                worst = max(worst, float(np.abs(found - turn.apply(spring)[:dim]).max()))
+                name = "contact_spring"
+                whole = np.zeros(step.arrays[name].size)
+                whole[: 2 * dim] = np.tile(spring, 2)
+                step.arrays[name].assign(whole)
+            error = turned_once(sim, name, spring, omega, steps)
             where = f"{dim}D, axis {axis}, " + ("faces" if faces else "elements")
-            error = worst / float(np.linalg.norm(spring))
             yield vanishing(f"spring on the way, {where}", "turned with the pair", error, 1e-5)
             lost = abs(sim.energy()["friction"])
-            yield vanishing(f"taken by slip, {where}", "no slip", lost, 1e-15)
+            yield vanishing(f"taken by slip, {where}", "no slip", lost, 1e-15 if faces else 1e-20)

@@ -13,6 +13,23 @@ from .whole import folder, write_json
 
 
 @contextmanager
+def alone(where: Path, who: str) -> Iterator[None]:
+    """Holds a folder against other processes. who: that has it then, and what it does there, in
+    the InputError that they get."""
+    lock = FileLock(where / ".lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError(
+            f"{who} {where}; wait until it is over, or choose another folder."
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextmanager
 def claimed(path: str | Path, record: dict[str, Any]) -> Iterator[Path]:
     """A folder that no other process writes results into meanwhile.
 
@@ -21,13 +38,11 @@ def claimed(path: str | Path, record: dict[str, Any]) -> Iterator[Path]:
     After an InputError the folder is as it was. Raises InputError if another run has the folder.
     """
     out = folder(path)
-    lock = FileLock(out / ".lock")
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise InputError(
-            f"another run writes into {out}; wait until it is over, or choose another folder."
-        ) from None
+    with alone(out, "another run writes into"):
+        yield from _told(out, record)
+
+
+def _told(out: Path, record: dict[str, Any]) -> Iterator[Path]:
     told = out / "run.json"
     before = told.read_bytes() if told.exists() else None
     try:
@@ -43,12 +58,11 @@ def claimed(path: str | Path, record: dict[str, Any]) -> Iterator[Path]:
         ended = isinstance(error, KeyboardInterrupt | SystemExit)
         why = f"{type(error).__name__}: {error}"
         if ended:
-            number = getattr(error, "code", 128 + signal.SIGINT)
-            why = f"ended by {signal.Signals(number - 128).name}" if number > 128 else why
+            code = getattr(error, "code", 128 + signal.SIGINT)
+            if isinstance(code, int) and code > 128:
+                why = f"ended by {signal.Signals(code - 128).name}"
         with suppress(UnwritableError):  # where the disk is full, "running" stays
             write_json(
                 told, record | {"status": "interrupted" if ended else "failed", "error": why}
             )
         raise
-    finally:
-        lock.release()
