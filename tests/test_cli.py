@@ -1,5 +1,6 @@
 import csv
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -98,6 +99,11 @@ def test_a_run_that_a_signal_ended_goes_on_to_the_same_results(run, tmp_path):
     assert anew.returncode == 2 and "has the checkpoint of a run" in anew.stderr
     assert json.loads((out / "run.json").read_text()) == record
 
+    older = shutil.copytree(out, tmp_path / "older")
+    done = warpdem("resume", str(older), "--previous")
+    assert done.returncode == 0, done.stderr
+    assert (older / "broken_bonds.csv").read_bytes() == (run[1] / "broken_bonds.csv").read_bytes()
+
     # as a sweep does with a run of its own
     assert Run(out, {}).command(find("mode-i"))[-2:] == ["resume", str(out)]
     done = warpdem("resume", str(out))
@@ -123,6 +129,8 @@ def test_what_cannot_go_on_is_told(tmp_path):
     record = {"experiment": "mode-i", "status": "interrupted", "given": {"strain": "0.001"}}
     (tmp_path / "run.json").write_text(json.dumps(record))
     says("ended before its first one")
+    with pytest.raises(InputError, match="ended before its second checkpoint"):
+        cli.resume(tmp_path, previous=True)
     record["given"] = {"wish": "1"}
     (tmp_path / "run.json").write_text(json.dumps(record))
     says("not as this version")

@@ -7,6 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from enum import Enum
 from importlib.metadata import version
 from inspect import Parameter, Signature
 from pathlib import Path
@@ -21,17 +22,21 @@ from rich.table import Table as RichTable
 from . import experiments
 from .archive import previous as one_before
 from .checkpoint import Checkpoint
-from .errors import InputError, NonFiniteError, NotConvergedError, TroubledBondError
+from .errors import (
+    InputError,
+    NonFiniteError,
+    NotConvergedError,
+    TooFastError,
+    TroubledBondError,
+)
 from .experiments import ModeIIResult, ModeIResult, Result
 from .experiments.described import EXPERIMENTS, Experiment, read_given, write_given
 from .experiments.free_crack import FILES as FREE_CRACK_FILES
-from .experiments.free_crack import FreeCrack, FreeCrackResult
 from .experiments.mode_i import FILES as MODE_I_FILES
 from .experiments.mode_ii import FILES as MODE_II_FILES
 from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
 from .experiments.shared import CHECKPOINT, start_record
-from .experiments.trial import Stage, Trial
 from .observe import CrackTracker
 from .simulation import GUARD_EVERY, Observer, Simulation
 from .sweeps import ENGINES, PARENT, Run, Sweep, sweep
@@ -56,17 +61,26 @@ console = Console(highlight=False, soft_wrap=True)
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
+class Start(Enum):
+    """From what a run in a folder starts."""
+
+    ANEW, LAST, PREVIOUS = range(3)
+
+
+Done = Callable[[Simulation], tuple[float, str]]
+
+
 class Advance:
     """An observer that shows how far a run has come, its rate and the time left.
 
-    what: a word, and `of` what there is in all; done: how much of `total` is done, with the text
-    that says so.
+    what: a word, and `of` what there is in all; done: how much of `total` a simulation has done,
+    with the text that says so.
     """
 
     every = 20
     not_saved = ("told", "task")  # of the terminal
 
-    def __init__(self, what: str, of: str, total: float, done: Callable[[], tuple[float, str]]):
+    def __init__(self, what: str, of: str, total: float, done: Done):
         self.what, self.of, self.done = what, of, done
         self.told = time.perf_counter()
         self.bar = Progress(
@@ -82,7 +96,7 @@ class Advance:
 
     def observe(self, sim: Simulation) -> None:
         """Move the bar, or print a line where there is no terminal."""
-        completed, shown = self.done()
+        completed, shown = self.done(sim)
         self.bar.update(self.task, completed=completed, shown=shown, rate=sim.rate / 1e6)
         if not console.is_terminal and time.perf_counter() - self.told > 5.0:
             self.told = time.perf_counter()
@@ -138,7 +152,7 @@ def experiment(
         )
 
     def conduct(
-        out: Path, threads: int, checkpoint_every: float, goes_on: bool, **given: Any
+        out: Path, threads: int, checkpoint_every: float, goes_on: Start, **given: Any
     ) -> None:
         """The experiment in a folder of its own, with checkpoints."""
         record = start_record(name, told.build(given), given["precision"], given["device"])
@@ -148,7 +162,9 @@ def experiment(
         try:
             with claimed(out, record):
                 kept = Checkpoint(out / CHECKPOINT, GUARD_EVERY, checkpoint_every or NEVER)
-                if kept.path.exists() and not goes_on:
+                if goes_on is Start.PREVIOUS:
+                    os.replace(one_before(kept.path), kept.path)
+                if kept.path.exists() and goes_on is Start.ANEW:
                     raise InputError(
                         f"{out} has the checkpoint of a run that was interrupted: go on with "
                         f"`warpdem resume {out}`, remove {CHECKPOINT} to start anew, or choose "
@@ -158,7 +174,7 @@ def experiment(
                 kept.remove()
         except (KeyboardInterrupt, SystemExit):
             if (out / CHECKPOINT).exists():
-                errors.print(f"interrupted: `warpdem resume {out}` goes on from {kept.path}")
+                errors.print(f"interrupted: `warpdem resume {out}` goes on from {out / CHECKPOINT}")
             raise
         for line in closing(result):
             console.print(line)
@@ -178,7 +194,7 @@ def experiment(
         if compile_only:
             run_it(given, threads, None, None)
             return
-        conduct(out, threads, checkpoint_every, False, **given)
+        conduct(out, threads, checkpoint_every, Start.ANEW, **given)
 
     options = [_option(d.name, d.kind, d.default, d.help) for d in told.described.values()]
     options += [
@@ -280,7 +296,7 @@ def _option(name: str, kind: Any, default: Any, words: str, shown: Any = True) -
 def _crack_progress(p: experiments.ModeI, crack: CrackTracker) -> Observer:
     scale, unit = unit_of(crack.stop_at)
 
-    def done() -> tuple[float, str]:
+    def done(_: Simulation) -> tuple[float, str]:
         tip = min(crack.tip, crack.stop_at) if np.isfinite(crack.tip) else p.notch
         return tip - p.notch, f"{tip * scale:.4g}"
 
@@ -314,7 +330,7 @@ experiment(
 def _shear_progress(p: experiments.ModeII, crack: CrackTracker) -> Observer:
     scale, unit = unit_of(crack.stop_at)
 
-    def done() -> tuple[float, str]:
+    def done(_: Simulation) -> tuple[float, str]:
         tip = min(crack.tip, crack.stop_at) if np.isfinite(crack.tip) else p.centre
         return tip - p.centre, f"{tip * scale:.4g}"
 
@@ -344,7 +360,7 @@ experiment(
 
 
 def _load_progress(p: Rock, rig: Rig) -> Observer:
-    def done() -> tuple[float, str]:
+    def done(_: Simulation) -> tuple[float, str]:
         stress = p.sign * rig.history.stress if len(rig.history.time) else np.zeros(1)
         return float(stress[-1]), f"{stress[-1] / 1e6:.4g}"
 
@@ -391,14 +407,13 @@ for _parameters, _function in (
     )
 
 
-def _time_progress(_: Trial, stage: Stage) -> Observer:
-    scale, unit = unit_of(stage.until)
+def _time_progress(until: float) -> Observer:
+    scale, unit = unit_of(until)
 
-    def done() -> tuple[float, str]:
-        now = stage.series.now
-        return now, f"{now * scale:.4g}"
+    def done(sim: Simulation) -> tuple[float, str]:
+        return sim.time, f"{sim.time * scale:.4g}"
 
-    return Advance("time", f"{stage.until * scale:.4g} {unit[:-1]}s", stage.until, done)
+    return Advance("time", f"{until * scale:.4g} {unit[:-1]}s", until, done)
 
 
 for _trial, _make in (
@@ -415,61 +430,25 @@ for _trial, _make in (
         _trial,
         _make,
         _trial.files,
-        _time_progress,
+        lambda _, stage: _time_progress(stage.until),
         lambda result: result.told,
     )
 
 
-def _free_progress(p: FreeCrack, crack: CrackTracker) -> Observer:
-    def done() -> tuple[float, str]:
-        return crack.time, f"{crack.time * 1e6:.3g}"
-
-    return Advance("time", f"{p.duration * 1e6:.3g} µs", p.duration, done)
-
-
-def _free_closing(result: FreeCrackResult) -> list[str]:
-    if not np.isfinite(result.start_time):
-        return ["no crack started at the notch"]
-    lines = [
-        f"crack at the notch: start {result.start_time * 1e6:.3g} µs, length "
-        f"{result.crack_length * 1e3:.3g} mm, median speed {result.median_over_rayleigh:.3f} of "
-        f"the Rayleigh speed {result.rayleigh_speed:.0f} m/s"
-    ]
-    if np.isfinite(result.branching_time):
-        lines.append(f"branching at {result.branching_time * 1e6:.3g} µs")
-    return lines
-
-
-def _kalthoff_closing(result: experiments.KalthoffResult) -> list[str]:
-    return [*_free_closing(result), f"angle to the notch {result.angle_degrees:.1f} degrees"]
-
-
-def _branching_closing(result: experiments.BranchingResult) -> list[str]:
-    lines = _free_closing(result)
-    if np.isfinite(result.before_over_rayleigh):
-        lines[-1] += f", at {result.before_over_rayleigh:.3f} of the Rayleigh speed before"
-    return lines
-
-
-def _rough_closing(result: experiments.HeterogeneousResult) -> list[str]:
-    return [
-        *_free_closing(result),
-        f"speed along the strip {result.speed_over_rayleigh:.3f} of the Rayleigh speed; roughness "
-        f"{result.roughness_spacings:.2f} spacings, tortuosity {result.tortuosity:.3f}",
-    ]
-
-
-def _free_experiment(
-    kind: type[FreeCrack],
-    function: Callable[..., Result],
-    closing: Callable[[Any], list[str]] = _free_closing,
-) -> None:
-    experiment(kind.name, kind.title, kind, function, FREE_CRACK_FILES, _free_progress, closing)
-
-
-_free_experiment(experiments.Kalthoff, experiments.kalthoff, _kalthoff_closing)
-_free_experiment(experiments.Branching, experiments.branching, _branching_closing)
-_free_experiment(experiments.Heterogeneous, experiments.heterogeneous, _rough_closing)
+for _kind, _run in (
+    (experiments.Kalthoff, experiments.kalthoff),
+    (experiments.Branching, experiments.branching),
+    (experiments.Heterogeneous, experiments.heterogeneous),
+):
+    experiment(
+        _kind.name,
+        _kind.title,
+        _kind,
+        _run,
+        FREE_CRACK_FILES,
+        lambda p, _: _time_progress(p.duration),
+        lambda result: result.told,
+    )
 
 
 @app.command()
@@ -484,15 +463,18 @@ def resume(
     """Go on with a run from its last checkpoint, to the results it would have had."""
     name, given = read_given(folder)
     last = folder / CHECKPOINT
-    if previous and one_before(last).exists():
-        os.replace(one_before(last), last)
-    if not last.exists():
+    if previous and not one_before(last).exists():
+        raise InputError(
+            f"{folder} has no {one_before(last).name}: the run ended before its second checkpoint."
+        )
+    if not previous and not last.exists():
         raise InputError(
             f"{folder} has no {CHECKPOINT}: the run ended before its first one. Start it again "
             f"with `warpdem run {name}`."
         )
     console.print(f"warpdem {version('warpdem')}: {EXPERIMENTS[name].title}, going on in {folder}")
-    CONDUCTS[name](folder, threads, checkpoint_every, True, **given)
+    goes_on = Start.PREVIOUS if previous else Start.LAST
+    CONDUCTS[name](folder, threads, checkpoint_every, goes_on, **given)
 
 
 @app.command()
@@ -616,6 +598,6 @@ def main() -> None:
     except InputError as error:
         errors.print(f"error: {error}", markup=False)
         sys.exit(2)
-    except (NonFiniteError, NotConvergedError, TroubledBondError) as error:
+    except (NonFiniteError, NotConvergedError, TooFastError, TroubledBondError) as error:
         errors.print(f"stopped: {error}", markup=False)
         sys.exit(3)

@@ -96,6 +96,20 @@ def positive(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None =
     return a
 
 
+def positive_or_inf(name: str, value: float) -> None:
+    """A number greater than zero; infinity is one, NaN is none."""
+    if not value > 0.0:
+        raise InputError(f"{name} is {value:g}; it must be greater than zero.")
+
+
+def not_negative(name: str, given: float) -> float:
+    """A number that is not negative."""
+    value = float(finite(name, given, ()))
+    if value < 0.0:
+        raise InputError(f"{name} is {value:g}; give 0 or more.")
+    return value
+
+
 def whole(name: str, value: object, least: int = 0, most: int = MOST) -> int:
     """A whole number between two."""
     try:

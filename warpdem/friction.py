@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import Array, InputError, checked, finite, positive
+from .errors import Array, InputError, checked, finite, not_negative, positive
 from .material import Material
 
 LAWS = ("aging", "slip")
@@ -64,10 +64,7 @@ def checked_friction(friction: Friction) -> Friction:
     """A law of friction, or Coulomb's number that is not negative."""
     if isinstance(friction, RateAndState):
         return friction
-    mu = float(finite("friction", friction, ()))
-    if mu < 0.0:
-        raise InputError(f"friction is {mu:g}; give 0 or more.")
-    return mu
+    return not_negative("friction", friction)
 
 
 def checked_pairs(

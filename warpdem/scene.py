@@ -18,6 +18,7 @@ from .errors import (
     checked,
     finite,
     first_ids,
+    not_negative,
     one_of,
     positive,
     whole,
@@ -563,8 +564,8 @@ class Scene:
                 )
         self.contacts = Contact(
             mu, e, float(positive("skin", skin, ())), law, restitution_by,
-            _share("rolling_friction", rolling_friction),
-            _share("twisting_friction", twisting_friction), checked_pairs(pairs), welding,
+            not_negative("rolling_friction", rolling_friction),
+            not_negative("twisting_friction", twisting_friction), checked_pairs(pairs), welding,
         )  # fmt: skip
 
     @checked
@@ -620,7 +621,7 @@ class Scene:
 
         def own(name: str, given: float | None) -> float:
             share: float = getattr(self.contacts, name)
-            return share if given is None else _share(name, given)
+            return share if given is None else not_negative(name, given)
 
         wall = Wall(
             shape,
@@ -816,14 +817,6 @@ class Scene:
             wrong = ", ".join(map(str, np.unique(chosen[bad])[:5]))
             raise InputError(f"selected ids {wrong} lie outside 0..{n - 1}.")
         return chosen.astype(np.int64)
-
-
-def _share(name: str, given: float) -> float:
-    """A number that is not negative."""
-    value = float(finite(name, given, ()))
-    if value < 0.0:
-        raise InputError(f"{name} is {value:g}; give 0 or more.")
-    return value
 
 
 def _strain(strain: ArrayLike, dim: int) -> Array:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from math import nan
 from typing import Annotated, Any, Unpack
 
+import numpy as np
+
 from ..criteria import Rankine
 from ..errors import positive
 from ..observe.growth import Branch
@@ -78,7 +80,7 @@ class Branching(FreeCrack):
             return Expected(notches)
         return Expected(
             notches,
-            levels={"published before branching: below": 0.65},
+            levels={"published speeds before lie below": 0.65},
             times={"published branching": (32e-6, 37e-6)},
         )
 
@@ -91,11 +93,19 @@ class BranchingResult(FreeCrackResult):
     before_over_rayleigh: float
     branch_count: int
 
+    @property
+    def told(self) -> list[str]:
+        """The result in words."""
+        lines = super().told
+        if np.isfinite(self.before_over_rayleigh):
+            lines[-1] += f", at {self.before_over_rayleigh:.3f} of the Rayleigh speed before"
+        return lines
+
 
 def branching(parameters: Branching | None = None, **options: Unpack[Options]) -> BranchingResult:
     """Pull a notched glass plate apart until its crack branches: when, and how fast it was.
 
-    options: device, precision, out, observers, say, frames, as of `free_crack.free_crack`.
+    options: `shared.Options`.
     """
     return free_crack(parameters or Branching(), BranchingResult, _before, **options)
 

@@ -109,6 +109,6 @@ class Brazilian(Rock):
 def brazilian(parameters: Brazilian | None = None, **options: Unpack[Options]) -> RockResult:
     """Press a disc across until it splits: 2P/(pi D t), beside the tensile strength.
 
-    options: device, precision, out, observers, say, frames, as of `rock.rock_test`.
+    options: `shared.Options`.
     """
     return rock_test(parameters or Brazilian(), **options)

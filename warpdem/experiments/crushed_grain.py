@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, nan, pi
+from math import isfinite, nan, pi
 from typing import Annotated, ClassVar, Unpack
 
 import numpy as np
 
 from ..contact import touching_radius
 from ..criteria import Rankine
-from ..errors import Array, InputError, finite, positive
+from ..errors import Array, InputError, finite, positive, positive_or_inf
+from ..friction import checked_friction
 from ..material import Material
 from ..moduli import lattice_bond
 from ..scene import Scene
 from ..simulation import Simulation
 from ..write.chart import Chart, Line
-from .shared import Options
+from .shared import Options, guard
 from .trial import BREAKING, FILES, Reader, Run, Stage, Trial, TrialResult, lattice_disc, run_trial
 
 FEW = 5  # broken bonds from which on a crack is seen
@@ -54,12 +55,10 @@ class CrushedGrain(Trial):
     files: ClassVar[tuple[str, ...]] = FILES + BREAKING
 
     def __post_init__(self) -> None:
-        for name in ("diameter", "spacing", "speed", "closing", "strength", "weibull"):
-            value = getattr(self, name)
-            if name != "weibull" or value != inf:
-                positive(name, value, ())
-        if finite("friction", self.friction, ()) < 0.0:
-            raise InputError(f"friction is {self.friction:g}; give 0 or more.")
+        for name in ("diameter", "spacing", "speed", "closing", "strength"):
+            positive(name, getattr(self, name), ())
+        positive_or_inf("weibull", self.weibull)
+        checked_friction(self.friction)
         if not 0.0 <= finite("caps", self.caps, ()) < 0.4:
             raise InputError(f"caps is {self.caps:g}; give 0 to below 0.4.")
         if self.diameter < 10.0 * self.spacing:
@@ -92,7 +91,7 @@ class CrushedGrain(Trial):
                 pole = radius * np.array([[0.0, 1.0], [0.0, -1.0]])[:, None]
                 away = np.linalg.norm(p.position - pole, axis=2).min(axis=0)
                 capped = away < self.caps * self.diameter
-                grains[-1].strength_factor[capped[p.bonds].any(axis=1)] = inf
+                guard(grains[-1], capped, 0)
             r, y = touching_radius(p), p.position[:, 1]
             reach.append((float((y - r).min()), float((y + r).max())))
         scene.contact(friction=self.friction)
@@ -228,11 +227,11 @@ class CrushedGrainResult(TrialResult):
         assert self.pieces is not None
         h = self.pieces.history
         share = h["largest_mass"] / self.pieces.pieces["mass"].sum()
-        return Chart("Pieces over time", "time [µs]", "number of pieces; broken bonds / 10", [
+        title = f"Pieces over time: the largest has {share[-1]:.2f} of the mass"
+        return Chart(title, "time [µs]", "number of pieces; broken bonds / 10", [
             Line(1e6 * h["time"], h["pieces"], "pieces"),
             Line(1e6 * self.series["time"], 0.1 * self.series["broken_bonds"],
                  "broken bonds / 10", "--", "C3"),
-            Line([], [], f"the largest has {share[-1]:.2f} of the mass", "none"),
         ])  # fmt: skip
 
 
@@ -241,7 +240,7 @@ def crushed_grain(
 ) -> CrushedGrainResult:
     """A grain is crushed between plates, 2P/(pi D t) beside its strength; or two collide.
 
-    options: device, precision, threads, out, observers, say, frames, as of `trial.run_trial`.
+    options: `shared.Options`.
     """
     result: CrushedGrainResult = run_trial(parameters or CrushedGrain(), **options)
     return result

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, nan, sqrt
+from math import isfinite, nan, sqrt
 from typing import Annotated, ClassVar, Unpack
 
 import numpy as np
 
 from ..contact import touching_radius
 from ..criteria import Rankine
-from ..errors import InputError, finite, positive
+from ..errors import InputError, positive, positive_or_inf
+from ..friction import checked_friction
 from ..material import Material
 from ..moduli import lattice_bond
 from ..scene import Scene
@@ -53,12 +54,11 @@ class Drop(Trial):
     files: ClassVar[tuple[str, ...]] = FILES + BREAKING
 
     def __post_init__(self) -> None:
-        for name in ("diameter", "spacing", "height", "gravity", "time", "strength", "weibull"):
-            value = getattr(self, name)
-            if name not in ("strength", "weibull") or value != inf:
-                positive(name, value, ())
-        if finite("friction", self.friction, ()) < 0.0:
-            raise InputError(f"friction is {self.friction:g}; give 0 or more.")
+        for name in ("diameter", "spacing", "height", "gravity", "time"):
+            positive(name, getattr(self, name), ())
+        for name in ("strength", "weibull"):
+            positive_or_inf(name, getattr(self, name))
+        checked_friction(self.friction)
         if self.height < self.gap:
             raise InputError(f"the height is {self.height:g} m; give {self.gap:g} m or more.")
 
@@ -220,7 +220,7 @@ class DropResult(TrialResult):
 def drop(parameters: Drop | None = None, **options: Unpack[Options]) -> DropResult:
     """A body falls on a plane: sqrt(2 g h), the ledger of energy, its pieces over time.
 
-    options: device, precision, threads, out, observers, say, frames, as of `trial.run_trial`.
+    options: `shared.Options`.
     """
     result: DropResult = run_trial(parameters or Drop(), **options)
     return result

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import inf, nan
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from math import nan
+from typing import Annotated, Any, ClassVar, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import packing
-from ..checkpoint import Checkpoint
 from ..errors import Array, InputError, one_of, positive
 from ..material import Material
 from ..observe import CrackTracker, Snapshot
 from ..observe.growth import Branch
 from ..packing import Packing
 from ..scene import Body, Scene
-from ..simulation import Observer, Simulation
-from ..write.whole import folder, write_csv
-from .shared import UNITS, Result, Say, build, foreseen, run_numbers, silent, write_record
+from ..write.log import UNITS
+from ..write.whole import write_csv
+from .shared import (
+    Conduct,
+    Options,
+    Result,
+    film,
+    run_numbers,
+)
 
 PACKINGS = ("hexagonal", "voronoi")
 AXES = ("x", "y")
@@ -126,8 +129,19 @@ class FreeCrackResult(Result):
 
     objects = ("simulation", "crack", "field", "speeds")
 
-
-CrackObservers = Callable[[Simulation, CrackTracker], list[Observer]]
+    @property
+    def told(self) -> list[str]:
+        """The result in words, line by line."""
+        if not np.isfinite(self.start_time):
+            return ["no crack started at the notch"]
+        lines = [
+            f"crack at the notch: start {self.start_time * 1e6:.3g} µs, length "
+            f"{self.crack_length * 1e3:.3g} mm, median speed {self.median_over_rayleigh:.3f} of "
+            f"the Rayleigh speed {self.rayleigh_speed:.0f} m/s"
+        ]
+        if np.isfinite(self.branching_time):
+            lines.append(f"branching at {self.branching_time * 1e6:.3g} µs")
+        return lines
 
 
 R = TypeVar("R", bound="FreeCrackResult")
@@ -138,42 +152,24 @@ def free_crack(
     p: FreeCrack,
     kind: type[R],
     measure: Measure | None = None,
-    *,
-    device: str = "cpu",
-    precision: str = "float64",
-    threads: int = 1,
-    out: str | Path | None = None,
-    observers: CrackObservers | None = None,
-    say: Say = silent,
-    frames: int = 24,
-    checkpoint: Checkpoint | None = None,
+    **options: Unpack[Options],
 ) -> R:
     """Run an experiment.
 
     kind: of its result; measure: its further numbers, from the branches of the crack at the notch,
-    the numbers of all and the tracker. out: folder for the FILES; None writes nothing. observers:
-    makes further observers of the run; say: is told what happens, line by line; frames: of the
-    USD scene; threads: of the CPU; checkpoint: of the run, which goes on from its file if there is
-    one. Raises InputError for parameters that cannot be run.
+    the numbers of all and the tracker; options: `shared.Options`; FILES are written. Raises
+    InputError for parameters that cannot be run.
     """
-    began = time.perf_counter()
-    where = None if out is None else folder(out)
-    say("building the packing")
+    run = Conduct(**options)
+    run.say("building the packing")
     scene, body = p.build(p.fill())
     size = f"plate {p.size[0] * 1e3:g} x {p.size[1] * 1e3:g} mm, plane {p.plane}"
-    sim = build(scene, device, precision, say, size, threads=threads, checkpoint=checkpoint)
+    sim = run.build(scene, size)
     crack = CrackTracker(every=20)
     picture = Snapshot(lambda s: s.time >= PICTURE * p.duration, stress=True)
     likely = round(p.duration / sim.dt)
-    say(foreseen(sim, likely))
-    sim.observe(crack)
-    sim.observe(picture)
-    if where is not None:
-        from ..write.usd import UsdWriter
-
-        sim.observe(UsdWriter(where / "crack.usd", every=max(1, likely // frames)))
-    for observer in observers(sim, crack) if observers else []:
-        sim.observe(observer)
+    run.foresee(sim, likely)
+    run.watch(sim, crack, (crack, picture), film("crack.usd", likely // run.frames))
     sim.run(until=p.duration)
 
     found = crack.branches()
@@ -187,14 +183,12 @@ def free_crack(
         **run_numbers(sim), **numbers, speeds=speeds, crack=crack,
         field=picture, branches=[_told(b, found, speeds, rayleigh) for b in found],
     )  # fmt: skip
-    if where is None:
-        result.seconds = time.perf_counter() - began
-    else:
+    if run.where is not None:
         from ..write.picture import draw_free_crack
 
         draw_free_crack(
-            where / "crack.png",
-            f"{p.title}: {result.elements} elements ({p.packing}), {precision}",
+            run.where / "crack.png",
+            f"{p.title}: {result.elements} elements ({p.packing}), {sim.precision}",
             body.packing.position,
             picture,
             crack.log,
@@ -202,9 +196,9 @@ def free_crack(
             rayleigh,
             vars(p.expected),
         )
-        write_csv(where / "broken_bonds.csv", crack.log, UNITS)
-        write_csv(where / "branches.csv", speeds, {n: u for n, u in COLUMNS if u})
-        write_record(where, p.name, p, result, began)
+        write_csv(run.where / "broken_bonds.csv", crack.log, UNITS)
+        write_csv(run.where / "branches.csv", speeds, {n: u for n, u in COLUMNS if u})
+    run.close(p.name, p, result)
     return result
 
 
@@ -243,7 +237,7 @@ def _numbers(
         "crack_length": own[0].length,
         "median_over_rayleigh": float(np.median(speed)) if len(speed) else nan,
         "fastest_over_rayleigh": float(np.quantile(speed, 0.9)) if len(speed) else nan,
-        "branching_time": min(later, default=inf) if later else nan,
+        "branching_time": min(later, default=nan),
     }
 
 

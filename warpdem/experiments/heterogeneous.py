@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import gamma, inf, isfinite, nan, pi, sqrt
+from math import gamma, isfinite, nan, pi, sqrt
 from typing import Annotated, Any, Unpack
 
 import numpy as np
 
 from ..criteria import Rankine
-from ..errors import Array, InputError, finite, positive
+from ..errors import Array, InputError, finite, positive, positive_or_inf
 from ..observe import CrackTracker
 from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
 from ..toughness import Toughness
 from .free_crack import Expected, FreeCrack, FreeCrackResult, free_crack
-from .shared import Options
+from .shared import Options, guard
+from .weak_plane import griffith_strain
 
 SIZE, NOTCH = (2e-3, 1.05e-3), 0.25e-3  # m
 GRIP_LAYERS, GUARD_LAYERS = 2, 2
@@ -53,10 +54,11 @@ class Heterogeneous(FreeCrack):
         super().__post_init__()
         for name in ("overload", "inclusion_size", "inclusion_strength"):
             positive(name, getattr(self, name), ())
-        if isfinite(self.weibull):
-            positive("weibull", self.weibull, ())
+        positive_or_inf("weibull", self.weibull)
         if not 0.0 <= finite("inclusions", self.inclusions, ()) <= 0.5:
             raise InputError(f"inclusions take {self.inclusions:g} of the area; give 0 to 0.5.")
+        if self.inclusions > 0.0:
+            self.centres()
 
     @property
     def tip(self) -> tuple[float, float]:
@@ -66,10 +68,8 @@ class Heterogeneous(FreeCrack):
     @property
     def load(self) -> float:
         """Strain across the strip."""
-        m = self.material
         free = SIZE[1] - GRIP_LAYERS * sqrt(3.0) * self.spacing
-        modulus = m.lame("strain") + 2.0 * m.shear_modulus
-        return self.overload * sqrt(2.0 * self.fracture_energy / (modulus * free))
+        return self.overload * griffith_strain(self.material, self.fracture_energy, free)
 
     def centres(self) -> Array:
         """Centres of the inclusions [m], (m, 2), apart from each other."""
@@ -81,6 +81,11 @@ class Heterogeneous(FreeCrack):
                 break
             if not found or np.linalg.norm(found - place, axis=1).min() > self.inclusion_size:
                 found.append(place)
+        if self.inclusions > 0.0 and not 0 < len(found) == count:
+            raise InputError(
+                f"{len(found)} inclusions of {self.inclusion_size:g} m find room for "
+                f"{self.inclusions:g} of the area, not {count}; give smaller ones, or less of them."
+            )
         return np.array(found).reshape(-1, 2)
 
     def build(self, plate: Packing) -> tuple[Scene, Body]:
@@ -97,12 +102,10 @@ class Heterogeneous(FreeCrack):
             inside = np.linalg.norm(middle - centre, axis=1) < 0.5 * self.inclusion_size
             body.strength_factor[inside] *= self.inclusion_strength
         scene.strain(body, [[0.0, 0.0], [0.0, self.load]])
-        near = np.zeros(len(plate), dtype=bool)
-        for side in ("bottom", "top"):
-            scene.hold(body, plate.side(side, GRIP_LAYERS))
-            near |= plate.side(side, GRIP_LAYERS + GUARD_LAYERS)
-        # a strip breaks at a grip of its own accord no sooner than a plate without one
-        body.strength_factor[near[plate.bonds].any(axis=1)] = inf
+        grips = [plate.side(side, GRIP_LAYERS) for side in ("bottom", "top")]
+        for grip in grips:
+            scene.hold(body, grip)
+        guard(body, grips[0] | grips[1], GUARD_LAYERS)
         return scene, body
 
     @property
@@ -110,6 +113,7 @@ class Heterogeneous(FreeCrack):
         """The notch, and outlines of inclusions."""
         turn = np.linspace(0.0, 2.0 * pi, 24)
         ring = 0.5 * self.inclusion_size * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        # names that begin so stay out of a legend
         lines = {f"_{k}": centre + ring for k, centre in enumerate(self.centres())}
         return Expected((((0.0, self.tip[1]), self.tip),), lines)
 
@@ -124,13 +128,22 @@ class HeterogeneousResult(FreeCrackResult):
     roughness_spacings: float
     tortuosity: float
 
+    @property
+    def told(self) -> list[str]:
+        """The result in words."""
+        return [
+            *super().told,
+            f"speed along the strip {self.speed_over_rayleigh:.3f} of the Rayleigh speed; "
+            f"roughness {self.roughness_spacings:.2f} spacings, tortuosity {self.tortuosity:.3f}",
+        ]
+
 
 def heterogeneous(
     parameters: Heterogeneous | None = None, **options: Unpack[Options]
 ) -> HeterogeneousResult:
     """Run a tensile crack through a strip of uneven strength: how rough and how fast it is.
 
-    options: device, precision, out, observers, say, frames, as of `free_crack.free_crack`.
+    options: `shared.Options`.
     """
     p = parameters or Heterogeneous()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, nan
+from math import isfinite, nan
 from typing import Annotated, ClassVar, Unpack
 
 import numpy as np
@@ -11,7 +11,8 @@ from scipy.signal import find_peaks
 
 from .. import packing
 from ..criteria import Rankine
-from ..errors import Array, InputError, positive
+from ..errors import Array, InputError, positive, positive_or_inf
+from ..friction import checked_friction
 from ..material import Material
 from ..moduli import lattice_bond
 from ..scene import Scene
@@ -51,10 +52,11 @@ class Impact(Trial):
     files: ClassVar[tuple[str, ...]] = FILES + BREAKING
 
     def __post_init__(self) -> None:
-        for name in ("flyer", "target", "width", "spacing", "speed", "strength", "weibull"):
-            value = getattr(self, name)
-            if name not in ("strength", "weibull") or value != inf:
-                positive(name, value, ())
+        for name in ("flyer", "target", "width", "spacing", "speed"):
+            positive(name, getattr(self, name), ())
+        for name in ("strength", "weibull"):
+            positive_or_inf(name, getattr(self, name))
+        checked_friction(self.friction)
         if self.flyer < 10.0 * self.spacing or self.target < 1.5 * self.flyer:
             raise InputError(
                 f"the flyer is {self.flyer / self.spacing:.3g} elements thick and the target "
@@ -150,7 +152,7 @@ class Impact(Trial):
 
 
 def _rising(speed: Array, time: Array) -> tuple[Array, Array]:
-    """Speeds up to the first that is highest so far and beyond half of all, with their times."""
+    """Speeds up to the first beyond 0.9 of the highest, each the highest so far, and times."""
     end = int(np.argmax(speed > 0.9 * speed.max())) + 1
     return np.maximum.accumulate(speed[:end]), time[:end]
 
@@ -228,7 +230,7 @@ class ImpactResult(TrialResult):
 def impact(parameters: Impact | None = None, **options: Unpack[Options]) -> ImpactResult:
     """A flyer plate spalls a target: speed of its back, depth and strength of the spall.
 
-    options: device, precision, threads, out, observers, say, frames, as of `trial.run_trial`.
+    options: `shared.Options`.
     """
     result: ImpactResult = run_trial(parameters or Impact(), **options)
     return result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import nan, pi, sqrt
+from math import isfinite, nan, pi, sqrt
 from typing import Annotated, ClassVar, Unpack
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from .. import packing, wall
 from ..contact import touching_radius
 from ..criteria import Criterion, DruckerPrager
-from ..errors import Array, InputError, finite, positive
+from ..errors import Array, InputError, finite, positive, positive_or_inf
+from ..friction import checked_friction
 from ..material import Material
 from ..observe import Series
 from ..scene import Scene
@@ -51,7 +52,7 @@ class Indentation(Trial):
     criterion: Annotated[
         Criterion, "When a bond breaks: a name and numbers, such as drucker-prager:50e6,5."
     ] = BRITTLE
-    weibull: Annotated[float, "Weibull modulus of the strengths of bonds."] = 20.0
+    weibull: Annotated[float, "Weibull modulus of the strengths of bonds; inf: all alike."] = 20.0
     friction: Annotated[float, "Coulomb's friction between fragments."] = 0.3
     seed: Annotated[int, "Seed of the strengths."] = 0
 
@@ -60,10 +61,10 @@ class Indentation(Trial):
     files: ClassVar[tuple[str, ...]] = FILES + BREAKING
 
     def __post_init__(self) -> None:
-        for name in ("width", "height", "spacing", "radius", "depth", "speed", "weibull"):
+        for name in ("width", "height", "spacing", "radius", "depth", "speed"):
             positive(name, getattr(self, name), ())
-        if finite("friction", self.friction, ()) < 0.0:
-            raise InputError(f"friction is {self.friction:g}; give 0 or more.")
+        positive_or_inf("weibull", self.weibull)
+        checked_friction(self.friction)
         if not 0.0 < finite("place", self.place, ()) < 1.0:
             raise InputError(f"place is {self.place:g}; give it between 0 and 1.")
         if min(self.width, 2.0 * self.height) < 40.0 * self.spacing:
@@ -73,9 +74,14 @@ class Indentation(Trial):
             )
 
     @property
+    def material(self) -> Material:
+        """Of the block."""
+        return Material(self.young, self.poisson, self.density)
+
+    @property
     def modulus(self) -> float:
         """E/(1 - nu^2) [Pa]."""
-        return self.young / (1.0 - self.poisson**2)
+        return self.material.plane_modulus()
 
     def half_width(self, force: Array) -> Array:
         """Hertz's sqrt(4 P R/(pi E*)) under forces per thickness [N/m], [m]."""
@@ -94,9 +100,9 @@ class Indentation(Trial):
         size = (self.width, self.height)
         p = packing.hexagonal(size, self.spacing, "strain")
         scene = Scene()
-        material = Material(self.young, self.poisson, self.density)
-        body = scene.add(p, material, fracture=self.criterion)
-        scene.scatter_strength(body, self.weibull, self.seed)
+        body = scene.add(p, self.material, fracture=self.criterion)
+        if isfinite(self.weibull):
+            scene.scatter_strength(body, self.weibull, self.seed)
         scene.hold(body, p.side("bottom"))
         scene.contact(friction=self.friction)
         # as low as no element is touched
@@ -128,7 +134,6 @@ class Indentation(Trial):
             },
             units={"depth": "m", "force": "N", "half_width": "m"},
             damping=DAMPING,
-            ends=(Rolling(),),
         )
         stage.ends = (Rolling(), _Fallen(stage.series))
         return stage
@@ -237,7 +242,7 @@ def indentation(
 ) -> IndentationResult:
     """Press a cylinder into a block: Hertz's contact, then crushing and cracks.
 
-    options: device, precision, threads, out, observers, say, frames, as of `trial.run_trial`.
+    options: `shared.Options`.
     """
     result: IndentationResult = run_trial(parameters or Indentation(), **options)
     return result

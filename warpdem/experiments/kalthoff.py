@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, inf, nan, radians, sin
+from math import cos, nan, radians, sin
 from typing import Annotated, Any, Unpack
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
 from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
-from .shared import Options
+from .shared import Options, guard
 
 SIZE, NOTCH, HALF = 0.1, 0.05, 0.025  # m: half plate, notch, its distance from the middle
 RISE = 1e-6  # s, of the projectile's velocity (Borden et al. 2012)
@@ -63,7 +63,7 @@ class Kalthoff(FreeCrack):
         below = plate.position[:, 1] < HALF
         # neither projectile nor symmetry is a test of the bonds there
         hit, middle = plate.left & below, plate.bottom
-        body.strength_factor[(hit | middle)[plate.bonds].any(axis=1)] = inf
+        guard(body, hit | middle, 0)
         scene.hold(body, middle, axes="y")
         history = ([0.0, RISE], [0.0, 1.0])
         scene.hold(body, hit, (self.speed, 0.0), axes="x", rotation=False, history=history)
@@ -77,10 +77,14 @@ class Kalthoff(FreeCrack):
             np.array([[NOTCH, HALF], [NOTCH + reach * cos(a) / sin(a), SIZE]])
             for a in (radians(65.0), radians(70.0))
         ]
+        notches = (((0.0, HALF), self.tip),)
+        given = Kalthoff(self.spacing, self.packing, self.rows, self.seed, duration=self.duration)
+        if self != given:  # of another plate or load
+            return Expected(notches)
         return Expected(
-            notches=(((0.0, HALF), self.tip),),
+            notches,
             lines={"published, 65 to 70 degrees": np.concatenate([ends[0], ends[1][::-1]])},
-            levels={"published: below": 0.6},
+            levels={"published speeds lie below": 0.6},
             times={"published start": (20e-6, 29e-6)},
         )
 
@@ -92,11 +96,16 @@ class KalthoffResult(FreeCrackResult):
 
     angle_degrees: float
 
+    @property
+    def told(self) -> list[str]:
+        """The result in words."""
+        return [*super().told, f"angle to the notch {self.angle_degrees:.1f} degrees"]
+
 
 def kalthoff(parameters: Kalthoff | None = None, **options: Unpack[Options]) -> KalthoffResult:
     """Hit a plate between two notches and measure the angle at which cracks leave them.
 
-    options: device, precision, out, observers, say, frames, as of `free_crack.free_crack`.
+    options: `shared.Options`.
     """
     return free_crack(parameters or Kalthoff(), KalthoffResult, _angle, **options)
 

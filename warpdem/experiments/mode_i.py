@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from math import inf, sqrt
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checkpoint import Checkpoint
 from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine, Tensile
-from ..errors import InputError, one_of, positive
+from ..errors import InputError, one_of, positive, positive_or_inf
 from ..observe import CrackTracker, Snapshot
 from ..observe.vortex import find_vortices, on_grid
 from ..packing import Packing
 from ..scene import Scene
 from ..toughness import Toughness
-from ..write.whole import folder, unit_of, write_csv
-from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
-from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, CrackObservers, WeakPlane, follow
+from ..write.log import UNITS
+from ..write.whole import unit_of, write_csv
+from .shared import Conduct, Options, Result, run_numbers
+from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, WeakPlane, follow, griffith_strain
 
 CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
 # in spacings: half the field about the tip that is searched for vortices, its smoothing, and the
@@ -69,10 +68,9 @@ class ModeI(WeakPlane):
     def __post_init__(self) -> None:
         one_of("criterion", self.criterion, CRITERIA)
         one_of("packing", self.packing, PACKINGS)
-        for name in ("length", "height", "spacing", "notch", "strength", "bulk_strength"):
-            value = getattr(self, name)
-            if name != "bulk_strength" or np.isfinite(value):
-                positive(name, value, ())
+        for name in ("length", "height", "spacing", "notch", "strength"):
+            positive(name, getattr(self, name), ())
+        positive_or_inf("bulk_strength", self.bulk_strength)
         if self.refine < 1:
             raise InputError(f"refine is {self.refine}; it must be 1 or more.")
         if self.notch >= 0.5 * self.length:
@@ -92,8 +90,8 @@ class ModeI(WeakPlane):
             return self.strain
         m = self.material
         free = self.height - GRIP_LAYERS * sqrt(3.0) * self.spacing / self.refine
-        modulus = m.lame("strain") + 2.0 * m.shear_modulus
-        return self.overload * self.toughness * sqrt(2.0 / (m.plane_modulus() * modulus * free))
+        energy = self.toughness**2 / m.plane_modulus()
+        return self.overload * griffith_strain(m, energy, free)
 
     def fracture(self) -> Criterion | Toughness:
         """The criterion, its tensile strength scaled to the element size."""
@@ -136,27 +134,15 @@ class ModeIResult(Result):
 
 def mode_i(
     parameters: ModeI | None = None,
-    *,
-    device: str = "cpu",
-    precision: str = "float64",
-    threads: int = 1,
-    out: str | Path | None = None,
-    observers: CrackObservers | None = None,
-    say: Say = silent,
-    frames: int = 24,
-    checkpoint: Checkpoint | None = None,
+    **options: Unpack[Options],
 ) -> ModeIResult:
     """Run a mode I crack and measure its speed.
 
-    out: folder for crack.png, crack.usd, broken_bonds.csv and run.json; None writes nothing.
-    observers: makes further observers of the run; say: is told what happens, line by line;
-    frames: of the USD scene; checkpoint: of the run, which goes on from its file if there is one.
-    Raises InputError for parameters that cannot be run.
+    Writes crack.png, crack.usd, broken_bonds.csv and run.json; options: `shared.Options`. Raises
+    InputError for parameters that cannot be run.
     """
-    began = time.perf_counter()
-    p = parameters or ModeI()
-    where = None if out is None else folder(out)
-    say("building the packing")
+    run, p = Conduct(**options), parameters or ModeI()
+    run.say("building the packing")
     plate = p.build_packing()
     scene = Scene()
     body = scene.add(plate, p.material, fracture=p.fracture())
@@ -172,15 +158,13 @@ def mode_i(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
+    sim = run.build(scene, size)
     rayleigh = p.material.rayleigh_speed("strain")
     window = p.length / 12.0
     # the last twelfth of the plate feels the free edge and is left out
     crack = CrackTracker(every=20, window=window, stop_at=p.length - window)
-    picture, tip_place = follow(
-        sim, crack, (p.notch, p.length), 0.9 * rayleigh, where=where, frames=frames,
-        observers=observers, say=say, note="; the notch opens suddenly",
-    )  # fmt: skip
+    way, note = (p.notch, p.length), "; the notch opens suddenly"
+    picture, tip_place = follow(run, sim, crack, way, 0.9 * rayleigh, note)
     result = ModeIResult(
         **run_numbers(sim),
         speed_over_rayleigh=crack.speed / rayleigh,
@@ -192,11 +176,9 @@ def mode_i(
         crack=crack,
         field=picture,
     )
-    if where is None:
-        result.seconds = time.perf_counter() - began
-    else:
-        _write(where, p, result, precision, tip_place)
-        write_record(where, "mode-i", p, result, began)
+    if run.where is not None:
+        _write(run.where, p, result, sim.precision, tip_place)
+    run.close("mode-i", p, result)
     return result
 
 

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from math import inf, pi
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checkpoint import Checkpoint
 from ..criteria import DruckerPrager, equivalent_stress
-from ..errors import Array, InputError, finite, one_of, positive
+from ..errors import Array, InputError, one_of, positive
+from ..friction import checked_friction
 from ..observe import CrackTracker, Snapshot
 from ..observe.growth import window_speeds
 from ..packing import Packing
 from ..scene import Scene
 from ..toughness import Toughness
-from ..write.whole import folder, unit_of, write_csv
-from .shared import UNITS, Result, Say, build, run_numbers, silent, write_record
-from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, CrackObservers, WeakPlane, follow
+from ..write.log import UNITS
+from ..write.whole import unit_of, write_csv
+from .shared import Conduct, Options, Result, run_numbers
+from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, WeakPlane, follow
 
 STARTS = ("surface", "bulk")
 EDGE_FACTOR = 1.1215  # K of an edge crack over that of a buried one (Tada, Paris and Irwin)
@@ -64,8 +64,8 @@ class ModeII(WeakPlane):
         for name in ("seismic_ratio", "overload"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), ())
-        if self.friction is not None and finite("friction", self.friction, ()) < 0.0:
-            raise InputError(f"friction is {self.friction:g}; give 0 or more.")
+        if self.friction is not None:
+            checked_friction(self.friction)
 
     @property
     def s(self) -> float:
@@ -139,27 +139,15 @@ class ModeIIResult(Result):
 
 def mode_ii(
     parameters: ModeII | None = None,
-    *,
-    device: str = "cpu",
-    precision: str = "float64",
-    threads: int = 1,
-    out: str | Path | None = None,
-    observers: CrackObservers | None = None,
-    say: Say = silent,
-    frames: int = 24,
-    checkpoint: Checkpoint | None = None,
+    **options: Unpack[Options],
 ) -> ModeIIResult:
     """Run a mode II crack and measure its speed.
 
-    out: folder for crack.png, crack.usd, CSV files and run.json; None writes nothing. observers:
-    makes further observers of the run; say: is told what happens, line by line; frames: of the USD
-    scene; checkpoint: of the run, which goes on from its file if there is one. Raises InputError
-    for parameters that cannot be run.
+    Writes crack.png, crack.usd, CSV files and run.json; options: `shared.Options`. Raises
+    InputError for parameters that cannot be run.
     """
-    began = time.perf_counter()
-    p = parameters or ModeII()
-    where = None if out is None else folder(out)
-    say("building the packing")
+    run, p = Conduct(**options), parameters or ModeII()
+    run.say("building the packing")
     plate = p.fill(p.spacing)
     shear, peak = p.shear(plate)
     notch, y = p.notch(plate), p.plane_height
@@ -180,18 +168,15 @@ def mode_ii(
 
     scale, unit = unit_of(p.length)
     size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = build(scene, device, precision, say, size, 0.0, threads, checkpoint=checkpoint)
+    sim = run.build(scene, size)
     if p.start == "surface" and not sim.steps:
-        say("bringing the sheared plate to rest")
-        sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[precision])
+        run.say("bringing the sheared plate to rest")
+        sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[sim.precision])
     rayleigh = p.material.rayleigh_speed("strain")
     pressure = p.material.pressure_speed("strain")
     # the last twelfth of the plate feels the free edge and is left out
     crack = CrackTracker(every=20, window=WINDOW * p.spacing, stop_at=p.length * 11.0 / 12.0)
-    picture, tip_place = follow(
-        sim, crack, (tip, p.length), 1.3 * rayleigh, where=where, frames=frames,
-        observers=observers, say=say,
-    )  # fmt: skip
+    picture, tip_place = follow(run, sim, crack, (tip, p.length), 1.3 * rayleigh)
 
     ahead = crack.log[crack.log["x"] >= tip - p.spacing] if len(crack.log) else crack.log
     length, speed = np.zeros(0), np.zeros(0)
@@ -211,11 +196,9 @@ def mode_ii(
         crack=crack,
         field=picture,
     )
-    if where is None:
-        result.seconds = time.perf_counter() - began
-    else:
-        _write(where, p, result, precision, tip_place)
-        write_record(where, "mode-ii", p, result, began)
+    if run.where is not None:
+        _write(run.where, p, result, sim.precision, tip_place)
+    run.close("mode-ii", p, result)
     return result
 
 

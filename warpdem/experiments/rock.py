@@ -6,38 +6,34 @@ near rest, and is over when the force has fallen. Tests are `specimen.py`'s and 
 
 from __future__ import annotations
 
-import time
 import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from math import asin, degrees, inf, isfinite, nan
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checkpoint import Checkpoint
 from ..criteria import Criterion, DruckerPrager
 from ..errors import Array, InputError, ModelWarning, finite, one_of, positive
 from ..material import Material
 from ..observe import FracturePlane, StressStrain, When, fracture_plane
 from ..packing import Mask, Packing
 from ..scene import Body, Scene
-from ..simulation import Simulation
-from ..write.whole import folder, write_csv
+from ..simulation import Observer, Simulation
+from ..write.log import UNITS
+from ..write.whole import write_csv
 from .material_point import material_strength
 from .shared import (
-    UNITS,
-    Observers,
+    Conduct,
+    Options,
     Result,
     Rolling,
-    Say,
-    build,
-    foreseen,
+    film,
+    guard,
     run_numbers,
-    silent,
-    write_record,
 )
 
 PLANES = ("stress", "strain", "space")
@@ -237,50 +233,36 @@ class RockResult(Result):
 
 def rock_test(
     p: Rock,
-    *,
-    device: str = "cpu",
-    precision: str = "float64",
-    threads: int = 1,
-    out: str | Path | None = None,
-    observers: Observers | None = None,
-    say: Say = silent,
-    frames: int = 24,
-    checkpoint: Checkpoint | None = None,
+    **options: Unpack[Options],
 ) -> RockResult:
     """Make a test.
 
-    out: folder for test.png, scene.usd, stress_strain.csv, broken_bonds.csv and run.json; None
-    writes nothing. observers: makes further observers of the run; say: is told what happens, line
-    by line; frames: of the USD scene, about; threads: of the CPU; checkpoint: of the run, which
-    goes on from its file if there is one. Raises InputError for parameters that cannot be run.
+    Writes test.png, scene.usd, stress_strain.csv, broken_bonds.csv and run.json; options:
+    `shared.Options`. Raises InputError for parameters that cannot be run.
     """
-    began = time.perf_counter()
-    where = None if out is None else folder(out)
-    say("building the packing")
+    run = Conduct(**options)
+    run.say("building the packing")
     packing = p.build_packing()
-    say("finding the strength of the criterion in homogeneous stress")
+    run.say("finding the strength of the criterion in homogeneous stress")
     rig = p.rig(packing)
     guard(rig.body, rig.low | rig.high, rig.guarded)
     if isfinite(p.weibull):
         rig.scene.scatter_strength(rig.body, p.weibull, p.seed)
-    sim = build(
-        rig.scene, device, precision, say, rig.size, p.damping, threads, checkpoint=checkpoint
-    )
+    sim = run.build(rig.scene, rig.size, p.damping)
     history = rig.history
-    sim.observe(history)
-    sim.observe(Rolling())
     likely = round(rig.loading / sim.dt)
-    say(
-        f"{foreseen(sim, likely)}; the criterion breaks at "
-        f"{rig.strength / 1e6:.4g} MPa, reached at a strain rate of {rig.strain_rate:.3g} 1/s"
+    run.foresee(
+        sim,
+        likely,
+        f"; the criterion breaks at {rig.strength / 1e6:.4g} MPa, reached at a strain rate of "
+        f"{rig.strain_rate:.3g} 1/s",
     )
-    if where is not None:
-        from ..write.usd import UsdWriter
 
-        film = UsdWriter(where / "scene.usd", every=history.every)
-        sim.observe(When(film, _Film(likely, len(packing.bonds), frames), every=history.every))
-    for observer in observers(sim, rig) if observers else []:
-        sim.observe(observer)
+    def frames(where: Path) -> Observer:
+        due = _Film(likely, len(packing.bonds), run.frames)
+        return When(film("scene.usd", history.every)(where), due, every=history.every)
+
+    run.watch(sim, rig, (history, Rolling()), frames)
     sim.run(until=LONGEST * rig.loading)
 
     result = _result(p, rig, sim)
@@ -292,13 +274,11 @@ def rock_test(
             ModelWarning,
             stacklevel=3,
         )
-    if where is None:
-        result.seconds = time.perf_counter() - began
-    else:
+    if run.where is not None:
         from ..write.specimen import draw_test
 
         draw_test(
-            where / "test.png",
+            run.where / "test.png",
             _title(p, result),
             packing,
             history,
@@ -311,21 +291,10 @@ def rock_test(
             p.stress_name,
             rig.strength,
         )
-        write_csv(where / "stress_strain.csv", _table(result), {k: u for k, u in TABLE if u})
-        write_csv(where / "broken_bonds.csv", result.log, UNITS)
-        write_record(where, p.name, p, result, began)
+        write_csv(run.where / "stress_strain.csv", _table(result), {k: u for k, u in TABLE if u})
+        write_csv(run.where / "broken_bonds.csv", result.log, UNITS)
+    run.close(p.name, p, result)
     return result
-
-
-def guard(body: Body, grips: Mask, layers: int) -> None:
-    """Make the bonds of gripped elements, and of so many layers beside them, unbreakable.
-
-    Elements at a grip lack faces, so that the stress beside them is uneven by up to a tenth.
-    """
-    near, bonds = grips.copy(), body.packing.bonds
-    for _ in range(layers):
-        near[bonds[near[bonds].any(axis=1)]] = True
-    body.strength_factor[near[bonds].any(axis=1)] = inf
 
 
 def check_breaks(strength: float, p: Rock) -> float:

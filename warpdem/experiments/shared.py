@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from math import inf
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict
 
@@ -14,30 +15,27 @@ from .. import criteria
 from ..checkpoint import Checkpoint
 from ..criteria import Criterion
 from ..errors import InputError, one_of
-from ..scene import Scene
+from ..packing import Mask
+from ..scene import Body, Scene
 from ..simulation import Observer, Simulation, resume
 from ..write.record import describe_machine
-from ..write.whole import write_json
+from ..write.whole import folder, write_json
 
 Say = Callable[[str], None]
 TURNED = 1.4  # rad: a loose element that rolls on would turn its faces inside out
 CHECKPOINT = "checkpoint.npz"  # in the folder of a run, while it is not complete
 # makes further observers of a run, of the simulation and what the experiment measures
 Observers = Callable[[Simulation, Any], list[Observer]]
-# of the log of broken bonds
-UNITS = {
-    "time": "s",
-    "x": "m",
-    "y": "m",
-    "z": "m",
-    "normal_stress": "Pa",
-    "shear_stress": "Pa",
-    "released_energy": "J",
-}
+Film = Callable[[Path], Observer]
 
 
 class Options(TypedDict, total=False):
-    """What experiments take beside their parameters; see `rock.rock_test`, `trial.run_trial`."""
+    """What experiments take beside their parameters.
+
+    device, precision, threads: of the simulation; out: folder for the files, None writes nothing;
+    observers: makes further observers of the run; say: is told what happens, line by line; frames:
+    of the USD scene, about; checkpoint: of the run, which goes on from its file if there is one.
+    """
 
     device: str
     precision: str
@@ -51,6 +49,94 @@ class Options(TypedDict, total=False):
 
 def silent(line: str) -> None:
     """Tell nobody."""
+
+
+def film(name: str, every: int, color: str = "von_mises") -> Film:
+    """A USD scene of this name, with a frame every so many steps."""
+
+    def made(where: Path) -> Observer:
+        from ..write.usd import UsdWriter
+
+        return UsdWriter(where / name, max(1, every), color)
+
+    return made
+
+
+class Conduct:
+    """An experiment under way: the simulation of its scene, who watches it, what is written.
+
+    Made from `Options`. where: the folder for the files, or None.
+    """
+
+    def __init__(
+        self,
+        *,
+        device: str = "cpu",
+        precision: str = "float64",
+        threads: int = 1,
+        out: str | Path | None = None,
+        observers: Observers | None = None,
+        say: Say = silent,
+        frames: int = 24,
+        checkpoint: Checkpoint | None = None,
+    ) -> None:
+        self.began = time.perf_counter()
+        self.where = None if out is None else folder(out)
+        self.say, self.frames = say, frames
+        self._observers, self._checkpoint = observers, checkpoint
+        self._device, self._precision, self._threads = device, precision, threads
+
+    def build(self, scene: Scene, size: str, local_damping: float = 0.0) -> Simulation:
+        """The simulation of a scene, which goes on from the checkpoint's file if there is one;
+        tells its size, in words, and its time step."""
+        self.say("compiling kernels, once for each kind of scene; later runs take them from disk")
+        kept = self._checkpoint
+        if kept is not None and kept.path.exists():
+            sim = resume(kept.path, scene, device=self._device, threads=self._threads)
+        else:
+            sim = Simulation(
+                scene,
+                self._device,
+                self._precision,
+                local_damping=local_damping,
+                threads=self._threads,
+            )
+        if kept is not None:
+            sim.observe(kept)
+        self.say(
+            f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in "
+            f"{sim.precision}, {sim.bytes / 1e6:.0f} MB; {size}"
+        )
+        self.say(
+            f"dt {sim.dt:.4g} s, {sim.dt / sim.dt_limit:.2g} of the stability limit "
+            f"{sim.dt_limit:.4g} s found by iteration (rigorous bound {sim.dt_bound:.4g} s)"
+        )
+        return sim
+
+    def foresee(self, sim: Simulation, steps: int, note: str = "") -> None:
+        """Tell how long a run of about so many steps will take."""
+        told = f"going on at step {sim.steps} of about {steps}"
+        if not sim.steps:  # looking at the passes could change what is to go on to the bit
+            told = f"about {steps} steps, {steps * sim.seconds_per_step():.0f} s"
+        self.say(told + note)
+
+    def watch(
+        self, sim: Simulation, measured: Any, own: Iterable[Observer], film: Film | None = None
+    ) -> None:
+        """Hand over observers: the experiment's own, that of the USD scene, which `film` makes of
+        the folder, and further ones, made of the simulation and what is measured."""
+        for observer in own:
+            sim.observe(observer)
+        if film is not None and self.where is not None:
+            sim.observe(film(self.where))
+        for observer in self._observers(sim, measured) if self._observers else []:
+            sim.observe(observer)
+
+    def close(self, name: str, parameters: Any, result: Result) -> None:
+        """Note how long it took, and write run.json."""
+        result.seconds = time.perf_counter() - self.began
+        if self.where is not None:
+            write_record(self.where, name, parameters, result)
 
 
 @dataclass
@@ -93,44 +179,6 @@ def run_numbers(sim: Simulation) -> dict[str, Any]:
     }
 
 
-def build(
-    scene: Scene,
-    device: str,
-    precision: str,
-    say: Say,
-    size: str,
-    local_damping: float = 0.0,
-    threads: int = 1,
-    dt: float | None = None,
-    checkpoint: Checkpoint | None = None,
-) -> Simulation:
-    """The simulation of a scene, which goes on from the checkpoint's file if there is one; tells
-    its size and its time step."""
-    say("compiling kernels, once for each kind of scene; later runs take them from disk")
-    if checkpoint is not None and checkpoint.path.exists():
-        sim = resume(checkpoint.path, scene, device=device, threads=threads)
-    else:
-        sim = Simulation(scene, device, precision, dt, local_damping=local_damping, threads=threads)
-    if checkpoint is not None:
-        sim.observe(checkpoint)
-    say(
-        f"{sim.model.elements} elements, {sim.model.bonds} bonds on {sim.device} in {precision}, "
-        f"{sim.bytes / 1e6:.0f} MB; {size}"
-    )
-    say(
-        f"dt {sim.dt:.4g} s, {sim.dt / sim.dt_limit:.2g} of the stability limit "
-        f"{sim.dt_limit:.4g} s found by iteration (rigorous bound {sim.dt_bound:.4g} s)"
-    )
-    return sim
-
-
-def foreseen(sim: Simulation, steps: int) -> str:
-    """How long a run of about so many steps will take, in words."""
-    if sim.steps:  # looking at the passes could change what is to go on to the bit
-        return f"going on at step {sim.steps} of about {steps}"
-    return f"about {steps} steps, {steps * sim.seconds_per_step():.0f} s"
-
-
 def start_record(
     experiment: str, parameters: Any, precision: str, device: str
 ) -> dict[str, object]:
@@ -142,12 +190,9 @@ def start_record(
     }
 
 
-def write_record(
-    where: Path, experiment: str, parameters: Any, result: Result, began: float
-) -> None:
-    """run.json: all parameters, numbers, energies and versions; `began`: when, for the seconds."""
+def write_record(where: Path, experiment: str, parameters: Any, result: Result) -> None:
+    """run.json: all parameters, numbers, energies and versions."""
     sim = result.simulation
-    result.seconds = time.perf_counter() - began
     record = {
         "status": "complete",
         **start_record(experiment, parameters, sim.precision, str(sim.device)),
@@ -156,6 +201,17 @@ def write_record(
         "machine": describe_machine(),
     }
     write_json(where / "run.json", record)
+
+
+def guard(body: Body, grips: Mask, layers: int) -> None:
+    """Make the bonds of gripped elements, and of so many layers beside them, unbreakable.
+
+    Elements at a grip lack faces, so that the stress beside them is uneven by up to a tenth.
+    """
+    near, bonds = grips.copy(), body.packing.bonds
+    for _ in range(layers):
+        near[bonds[near[bonds].any(axis=1)]] = True
+    body.strength_factor[near[bonds].any(axis=1)] = inf
 
 
 class Rolling:

@@ -10,7 +10,8 @@ import numpy as np
 
 from .. import packing
 from ..contact import touching_radius
-from ..errors import Array, InputError, finite, positive
+from ..errors import Array, InputError, finite, not_negative, positive
+from ..friction import checked_friction
 from ..material import Material
 from ..moduli import lattice_bond
 from ..scene import Scene
@@ -44,9 +45,8 @@ class SlidingBlock(Trial):
     def __post_init__(self) -> None:
         for name in ("length", "height", "spacing", "gravity"):
             positive(name, getattr(self, name), ())
-        for name in ("speed", "friction"):
-            if finite(name, getattr(self, name), ()) < 0.0:
-                raise InputError(f"{name} is {getattr(self, name):g}; give 0 or more.")
+        not_negative("speed", self.speed)
+        checked_friction(self.friction)
         if not 0.0 <= finite("angle", self.angle, ()) < 90.0:
             raise InputError(f"angle is {self.angle:g} degrees; give 0 to below 90.")
         if self.speed == 0.0 and self.angle == 0.0:
@@ -194,7 +194,7 @@ def sliding_block(
 ) -> SlidingBlockResult:
     """A block slides on a plane: v^2/(2 mu g), and rest below the angle of friction.
 
-    options: device, precision, threads, out, observers, say, frames, as of `trial.run_trial`.
+    options: `shared.Options`.
     """
     result: SlidingBlockResult = run_trial(parameters or SlidingBlock(), **options)
     return result

@@ -192,7 +192,7 @@ class Confined(Specimen):
 def tension(parameters: Tension | None = None, **options: Unpack[Options]) -> RockResult:
     """Pull a specimen apart: tensile strength, moduli, plane of fracture.
 
-    options: device, precision, out, observers, say, frames, as of `rock.rock_test`.
+    options: `shared.Options`.
     """
     return rock_test(parameters or Tension(), **options)
 
@@ -200,7 +200,7 @@ def tension(parameters: Tension | None = None, **options: Unpack[Options]) -> Ro
 def compression(parameters: Compression | None = None, **options: Unpack[Options]) -> RockResult:
     """Press a specimen uniaxially: its unconfined compressive strength (UCS), moduli, shear bands.
 
-    options: device, precision, out, observers, say, frames, as of `rock.rock_test`.
+    options: `shared.Options`.
     """
     return rock_test(parameters or Compression(), **options)
 
@@ -208,7 +208,7 @@ def compression(parameters: Compression | None = None, **options: Unpack[Options
 def confined(parameters: Confined | None = None, **options: Unpack[Options]) -> RockResult:
     """Press a specimen under a lateral pressure: the greatest axial stress, shear bands.
 
-    options: device, precision, out, observers, say, frames, as of `rock.rock_test`.
+    options: `shared.Options`.
     """
     return rock_test(parameters or Confined(), **options)
 

@@ -80,7 +80,10 @@ class SpringSlider(Trial):
         early = self.slip / self.rate
         if self.law == "aging":  # which ages without slip
             early -= self.loading_time
-        return RateAndState(self.mu0, self.a, self.b, self.rate, self.slip, self.law, early)
+        return self._law(early)
+
+    def _law(self, state: float) -> RateAndState:
+        return RateAndState(self.mu0, self.a, self.b, self.rate, self.slip, self.law, state)
 
     @property
     def loading_time(self) -> float:
@@ -91,7 +94,7 @@ class SpringSlider(Trial):
     @property
     def critical_stiffness(self) -> float:
         """N (b - a)/Dc [N/m]."""
-        return self.force * (self.b - self.a) / self.slip
+        return self._law(1.0).critical_stiffness(self.force)
 
     @property
     def material(self) -> Material:
@@ -129,7 +132,7 @@ class SpringSlider(Trial):
         return self.drive(time, share) / self.rate
 
     def growth(self, share: float) -> float:
-        """Of small swings from one to the next, and `swing_time` [s], without inertia."""
+        """Of small swings from one to the next, without inertia."""
         real, turn = self._root(share)
         return float(np.exp(2.0 * pi * real / turn))
 
@@ -319,7 +322,7 @@ def spring_slider(
 ) -> SpringSliderResult:
     """Two sliders of rate-and-state friction on springs: stable above k_crit, unstable below.
 
-    options: device, precision, threads, out, observers, say, frames, as of `trial.run_trial`.
+    options: `shared.Options`.
     """
     result: SpringSliderResult = run_trial(parameters or SpringSlider(), **options)
     return result

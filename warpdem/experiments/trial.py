@@ -5,24 +5,29 @@ Sliding, impact, indentation, crushing, drop: each has a file of its own.
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import numpy as np
 
 from .. import packing
-from ..checkpoint import Checkpoint
 from ..observe import FragmentTracker, Series
 from ..packing import Packing
 from ..scene import Scene
 from ..simulation import Observer, Simulation
 from ..write.chart import Chart
-from ..write.whole import folder, write_csv
-from .shared import UNITS, Result, build, foreseen, run_numbers, silent, write_record
+from ..write.log import UNITS
+from ..write.whole import write_csv
+from .shared import (
+    Conduct,
+    Options,
+    Result,
+    film,
+    run_numbers,
+)
 
 FILES = ("picture.png", "scene.usd", "series.csv", "run.json")
 BREAKING = ("broken_bonds.csv", "fragments.csv", "fragments_history.csv", "fragments.png")
@@ -30,17 +35,13 @@ ROWS, LOOKS, FRAMES = 600, 120, 48  # of the series, at fragments, of the USD sc
 Reader = Callable[[Simulation], float]
 
 
-def _at_once(_: Simulation) -> None:
-    """Nothing to do before the run."""
-
-
 @dataclass
 class Stage:
     """The scene of a trial, and what is read of it.
 
     until [s]: when the run is over; size: of the bodies, in words; columns: of the series, with
-    their units; damping: local; start: brings the simulation to its start; shows: the field that
-    colours the USD scene; ends: observers that may end the run earlier.
+    their units; damping: local; shows: the field that colours the USD scene; ends: observers that
+    may end the run earlier.
     """
 
     scene: Scene
@@ -49,9 +50,7 @@ class Stage:
     columns: dict[str, Reader]
     units: dict[str, str]
     damping: float = 0.0
-    start: Callable[[Simulation], None] = _at_once
     shows: str = "von_mises"
-    dt: float | None = None
     ends: tuple[Observer, ...] = ()
     series: Series = field(init=False)
 
@@ -122,64 +121,28 @@ def lattice_disc(diameter: float, spacing: float, plane: str) -> Packing:
 
 def run_trial(
     p: Trial,
-    *,
-    device: str = "cpu",
-    precision: str = "float64",
-    threads: int = 1,
-    out: str | Path | None = None,
-    observers: Callable[[Simulation, Any], list[Any]] | None = None,
-    say: Callable[[str], None] = silent,
-    frames: int = FRAMES,
-    checkpoint: Checkpoint | None = None,
+    **options: Unpack[Options],
 ) -> Any:
     """Make a trial; its result is that of `p.measure`.
 
-    out: folder for `p.files`; None writes nothing. observers: makes further observers of the run;
-    say: is told what happens, line by line; frames: of the USD scene, about; threads: of the CPU;
-    checkpoint: of the run, which goes on from its file if there is one.
-    Raises InputError for parameters that cannot be run.
+    options: `shared.Options`; `p.files` are written. Raises InputError for parameters that cannot
+    be run.
     """
-    began = time.perf_counter()
-    where = None if out is None else folder(out)
-    say("building the scene")
+    run = Conduct(**({"frames": FRAMES} | options))
+    run.say("building the scene")
     stage = p.stage()
-    sim = build(
-        stage.scene,
-        device,
-        precision,
-        say,
-        stage.size,
-        stage.damping,
-        threads,
-        stage.dt,
-        checkpoint,
-    )
-    if not sim.steps:
-        stage.start(sim)
+    sim = run.build(stage.scene, stage.size, stage.damping)
     steps = round(stage.until / sim.dt)
-    say(foreseen(sim, steps))
-    pieces = None
+    run.foresee(sim, steps)
     stage.series.every = max(1, steps // ROWS)
-    sim.observe(stage.series)
-    for end in stage.ends:
-        sim.observe(end)
-    if BREAKING[0] in p.files:
-        pieces = FragmentTracker(max(1, steps // LOOKS))
-        sim.observe(pieces)
-    if where is not None:
-        from ..write.usd import UsdWriter
-
-        film = UsdWriter(where / "scene.usd", max(1, steps // frames), color=stage.shows)
-        sim.observe(film)
-    for observer in observers(sim, stage) if observers else []:
-        sim.observe(observer)
+    pieces = FragmentTracker(max(1, steps // LOOKS)) if BREAKING[0] in p.files else None
+    own = (stage.series, *stage.ends, *([] if pieces is None else [pieces]))
+    run.watch(sim, stage, own, film("scene.usd", steps // run.frames, stage.shows))
     sim.run(until=stage.until)
     result = p.measure(Run(stage, sim, pieces))
-    if where is None:
-        result.seconds = time.perf_counter() - began
-    else:
-        _write(where, p, stage, result)
-        write_record(where, p.name, p, result, began)
+    if run.where is not None:
+        _write(run.where, p, stage, result)
+    run.close(p.name, p, result)
     return result
 
 

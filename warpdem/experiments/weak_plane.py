@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import sqrt
-from pathlib import Path
 
 from .. import packing
 from ..material import Material
 from ..observe import CrackTracker, Snapshot
 from ..packing import Packing
-from ..simulation import Observer, Simulation
-from .shared import Say, foreseen
+from ..simulation import Simulation
+from .shared import Conduct, film
 
 PACKINGS = ("hexagonal", "voronoi")
 RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
 GRIP_LAYERS = 2
-
-CrackObservers = Callable[[Simulation, CrackTracker], list[Observer]]
 
 
 class WeakPlane:
@@ -51,16 +47,19 @@ class WeakPlane:
         return (round(self.height / pitch) // 2) * pitch
 
 
+def griffith_strain(material: Material, energy: float, height: float) -> float:
+    """Strain across a strip of this height between its grips [m], in plane strain, at which the
+    energy ahead of a long crack is `energy` [J/m^2] (Griffith)."""
+    modulus = material.lame("strain") + 2.0 * material.shear_modulus
+    return sqrt(2.0 * energy / (modulus * height))
+
+
 def follow(
+    run: Conduct,
     sim: Simulation,
     crack: CrackTracker,
     way: tuple[float, float],
     speed: float,
-    *,
-    where: Path | None,
-    frames: int,
-    observers: CrackObservers | None,
-    say: Say,
     note: str = "",
 ) -> tuple[Snapshot, float]:
     """Run until the crack has gone its way, from x to x [m]: the velocity field when its tip has
@@ -72,15 +71,8 @@ def follow(
     tip = start + 0.6 * (end - start)
     picture = Snapshot(lambda _: crack.tip >= tip)
     likely = round((end - start) / (speed * sim.dt))
-    say(foreseen(sim, likely) + note)
-    sim.observe(crack)
-    sim.observe(picture)
-    if where is not None:
-        from ..write.usd import UsdWriter
-
-        sim.observe(UsdWriter(where / "crack.usd", every=max(1, likely // frames)))
-    for observer in observers(sim, crack) if observers else []:
-        sim.observe(observer)
+    run.foresee(sim, likely, note)
+    run.watch(sim, crack, (crack, picture), film("crack.usd", likely // run.frames))
     # the slowest crack that is waited for has less than half of Rayleigh's speed
     sim.run(until=2.5 * (end - start) / sim.scene.bodies[0].materials[0].rayleigh_speed("strain"))
     if picture.taken:  # the tip went on between two looks

@@ -23,8 +23,7 @@ class CrackTracker:
     every: steps between looks at the tip; direction: of growth, shape (dim,), by default x;
     window [m]: crack length over which a speed is fitted, by default 25 spacings,
     or an eighth of the path if it is shorter; stop_at [m]:
-    coordinate along the direction at which the run is stopped. `tip` [m] and `time` [s] are those
-    of the last look.
+    coordinate along the direction at which the run is stopped. `tip` [m] is that of the last look.
 
     After a run: `log` (all broken bonds), `length` (middle of each window, from the first break
     [m]), `window_speed` [m/s], `speed` and `spread`: mean and max - min of the windows in the last
@@ -47,14 +46,12 @@ class CrackTracker:
             raise InputError(f"window is {window:g} m; it must be greater than zero.")
         self.window = window
         self.tip: float = np.nan
-        self.time = 0.0
         self.log: NDArray[np.void] = np.zeros(0, dtype=[("time", float)])
         self.length: Array = np.zeros(0)
         self.window_speed: Array = np.zeros(0)
 
     def observe(self, sim: Simulation) -> None:
         """Look where the tip is, and stop the run if it is far enough."""
-        self.time = sim.time
         log, self._dim = sim.broken_bonds(), sim.model.features.dim
         if len(log):
             self.tip = float(self._coordinate(log).max())

@@ -33,11 +33,6 @@ class Series:
         """What was read, look after look."""
         return np.array(self._rows, dtype=[(n, float) for n in ("time", *self.columns)])
 
-    @property
-    def now(self) -> float:
-        """Time of the last look [s]."""
-        return self._rows[-1][0] if self._rows else 0.0
-
     def __getitem__(self, name: str) -> Array:
         column: Array = self.table[name]
         return column

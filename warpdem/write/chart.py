@@ -24,4 +24,3 @@ class Chart:
     xlabel: str
     ylabel: str
     lines: list[Line] = field(default_factory=list)
-    ylim: tuple[float | None, float | None] = (None, None)

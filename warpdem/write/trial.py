@@ -52,7 +52,6 @@ def draw_chart(ax: Axes, chart: Chart) -> None:
     for line in chart.lines:
         ax.plot(line.x, line.y, line.style, color=line.color, label=line.label or None)
     ax.set(title=chart.title, xlabel=chart.xlabel, ylabel=chart.ylabel)
-    ax.set_ylim(*chart.ylim)
     ax.grid(alpha=0.3)
     if any(line.label for line in chart.lines):
         ax.legend(fontsize=9)
@@ -91,7 +90,7 @@ def draw_bodies(ax: Axes, sim: Simulation) -> None:
     room = 0.6 * np.ptp(inner, axis=0).max()  # pieces flown far off stay out of the picture
     low, high = np.maximum(low, inner[0] - room), np.minimum(high, inner[1] + room)
     for wall in sim.scene.walls:
-        _draw_wall(ax, wall, sim, factor, float(np.linalg.norm(high - low)))
+        _draw_wall(ax, wall, sim, factor, 0.5 * (low + high), float(np.linalg.norm(high - low)))
     ax.set(
         xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
         xlabel=f"x [{unit}]", ylabel=f"y [{unit}]",
@@ -124,12 +123,16 @@ def _count(size: NDArray[np.int64], time: float) -> str:
     return f"At the end, {when}: {len(size)} pieces, the large ones in colours"
 
 
-def _draw_wall(ax: Axes, wall: Wall, sim: Simulation, factor: float, reach: float) -> None:
+def _draw_wall(
+    ax: Axes, wall: Wall, sim: Simulation, factor: float, middle: Array, reach: float
+) -> None:
+    """middle: of the view, that a plane is drawn beside; reach: across the view."""
     place, turn = sim.wall_pose(wall)
     at, shape = factor * place, wall.shape
     if isinstance(shape, Plane):
         n = rotated(turn, shape.normal)
-        along = reach * np.array([-n[1], n[0]])
+        tangent = np.array([-n[1], n[0]])
+        at, along = at + ((middle - at) @ tangent) * tangent, reach * tangent
         edge = [at - along, at + along, at + along - reach * n, at - along - reach * n]
         ax.add_patch(Polygon(edge, facecolor=GREY, edgecolor="0.3", hatch="//", alpha=0.6))
     elif isinstance(shape, Sphere):
