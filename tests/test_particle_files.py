@@ -116,6 +116,35 @@ def test_a_gsd_file_is_whole_after_every_frame(tmp_path):
         assert [f.configuration.step for f in file] == [0, 40, 80, 120]
 
 
+@pytest.mark.parametrize(("writer", "name"), [("GsdWriter", "gsd"), ("VtkWriter", "vtp")])
+def test_resumed_runs_go_on_with_their_files(tmp_path, writer, name):
+    path, kept = tmp_path / f"body.{name}", tmp_path / "a.npz"
+
+    def frames():
+        if name == "gsd":
+            with gsd.hoomd.open(path, "r") as file:
+                return [int(f.configuration.step) for f in file]
+        told = json.loads(path.with_name(path.name + ".series").read_text())["files"]
+        return [round(f["time"] / sim.dt) for f in told]
+
+    sim, _ = breaking("voronoi strain")
+    sim.observe(getattr(wd, writer)(path, every=40))
+    sim.run(steps=80)
+    sim.save(kept)
+    sim.run(steps=80)
+    assert frames() == [0, 40, 80, 120, 160]
+    again = wd.resume(kept, sim.scene)  # the frames beyond the checkpoint are of no run
+    again.observe(getattr(wd, writer)(path, every=40))
+    again.run(steps=40)
+    assert frames() == [0, 40, 80, 120]
+    for file in (*tmp_path.glob("body*.vtp"), *tmp_path.glob("*.gsd")):
+        file.unlink()
+    lost = wd.resume(kept, sim.scene)
+    lost.observe(getattr(wd, writer)(path, every=40))
+    with pytest.raises(wd.InputError, match="at the checkpoint"):
+        lost.run(steps=40)
+
+
 @pytest.mark.parametrize(("writer", "name"), [("GsdWriter", "gsd"), ("VtkWriter", "vtk")])
 def test_what_is_missing_is_told(tmp_path, monkeypatch, writer, name):
     with pytest.raises(wd.InputError, match="must end in"):

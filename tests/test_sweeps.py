@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from inspect import signature
+from inspect import get_annotations, signature
 from pathlib import Path
 
 import pytest
@@ -13,7 +13,7 @@ import pytest
 import warpdem as wd
 from warpdem import cli
 from warpdem.experiments.described import EXPERIMENTS
-from warpdem.experiments.rock import rock_test
+from warpdem.experiments.shared import Conduct, Options
 
 SMALL = {"length": 8e-4, "height": 3.7e-4, "notch": 1.5e-4}
 
@@ -126,12 +126,10 @@ def test_twelve_runs_of_which_one_is_killed(tmp_path):
 
 def test_every_experiment_agrees_with_its_commands():
     assert cli.EXPERIMENTS is EXPERIMENTS
+    keywords = {"device", "precision", "threads", "out", "observers", "say", "checkpoint", "frames"}
+    assert set(signature(Conduct).parameters) == set(get_annotations(Options)) == keywords
     for name, told in EXPERIMENTS.items():
-        taken = signature(told.function).parameters
-        keywords = ("device", "precision", "threads", "out", "observers", "say", "checkpoint")
-        if "options" in taken:  # handed on to a function of these
-            taken = signature(rock_test).parameters
-        assert set(keywords) <= set(taken), name
+        assert signature(told.function).parameters["options"].annotation == "Unpack[Options]", name
         for commands, own in (
             (cli.run, {"out", "compile_only", "threads", "checkpoint_every"}),
             (cli.many, {"out", "jobs", "engine", "engine_options", "result", "against", "retry"}),

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from .errors import Array
 from .friction import Friction, rubs
@@ -67,6 +66,8 @@ def damping_ratio(restitution: float) -> float:
 
     if restitution == 1.0:
         return 0.0
+    from scipy.optimize import brentq
+
     return float(brentq(lack, 0.0, 1.0 / restitution, xtol=1e-15, rtol=1e-14))
 
 
@@ -76,6 +77,7 @@ def touching_radius(packing: Packing) -> Array:
     The distance to its nearest face, so that spheres never overlap at first; without faces the
     packing's radius, but not beyond the middle of its shortest bond.
     """
+
     n, bonds = len(packing), packing.bonds
     reach = np.full(n, np.inf)
     if packing.arms is not None:

@@ -24,6 +24,11 @@ def pressure(stress: Array) -> Array:
     return -np.trace(stress, axis1=1, axis2=2) / 3.0
 
 
+def in_space(v: Array) -> Array:
+    """Vectors (n, 2) or (n, 3) as (n, 3), plane ones at z = 0."""
+    return v if v.shape[1] == 3 else np.column_stack([v, np.zeros(len(v))])
+
+
 def von_mises(stress: Array) -> Array:
     """sqrt(3/2 s : s) of the deviator [Pa], (n,)."""
     deviator = stress + pressure(stress)[:, None, None] * np.eye(3)

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError, one_of
+from .errors import InputError, library, one_of
 from .experiments.described import Experiment, find, write_given
 from .experiments.shared import CHECKPOINT, Say, silent
 from .write.claim import alone
@@ -340,13 +340,9 @@ def _local(where: Path, jobs: int, options: dict[str, Any]) -> tuple[Submit, Cal
 
 def _dask(where: Path, jobs: int, options: dict[str, Any]) -> tuple[Submit, Callable[[], None]]:
     """options: those of dask.distributed.Client; without an address a local cluster of processes"""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError('the dask engine needs: pip install "warpdem[cluster]".') from None
     if "address" not in options:
         options = {"n_workers": jobs, "threads_per_worker": 1, "dashboard_address": None} | options
-    client = Client(**options)
+    client = library("distributed", "cluster").Client(**options)
 
     def submit(command: list[str], log: Path) -> Job:
         job: Job = client.submit(_execute, command, str(log), pure=False, retries=0)
@@ -357,11 +353,8 @@ def _dask(where: Path, jobs: int, options: dict[str, Any]) -> tuple[Submit, Call
 
 def _slurm(where: Path, jobs: int, options: dict[str, Any]) -> tuple[Submit, Callable[[], None]]:
     """options: of submitit; cluster=local runs the jobs here."""
-    try:
-        from submitit import AutoExecutor
-    except ImportError:
-        raise InputError('the slurm engine needs: pip install "warpdem[cluster]".') from None
-    executor = AutoExecutor(where / "jobs", cluster=options.pop("cluster", "slurm"))
+    engine = library("submitit", "cluster")
+    executor = engine.AutoExecutor(where / "jobs", cluster=options.pop("cluster", "slurm"))
     executor.update_parameters(**{"timeout_min": 24 * 60} | options)
 
     def submit(command: list[str], log: Path) -> Job:

@@ -7,7 +7,6 @@ from math import isfinite, nan
 from typing import Annotated, ClassVar, Unpack
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from .. import packing
 from ..criteria import Rankine
@@ -117,6 +116,8 @@ class Impact(Trial):
 
     def measure(self, run: Run) -> ImpactResult:
         """What came out."""
+        from scipy.signal import find_peaks
+
         series, sim = run.stage.series, run.sim
         time, speed = series["time"], series["back_speed"]
         c, cross = self.wave_speed, 2.0 * self.flyer / self.wave_speed

@@ -9,8 +9,6 @@ from math import log, nan, pi, sin
 from typing import Annotated, ClassVar, Unpack
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.signal import find_peaks
 
 from ..bond import EVMBond
 from ..errors import Array, InputError, one_of, positive
@@ -185,6 +183,8 @@ class SpringSlider(Trial):
 
     def integrated(self, share: float, times: Array) -> Array:
         """Force of the spring over N by SciPy, with the slider's mass and its contact's give."""
+        from scipy.integrate import solve_ivp
+
         law, k, contact = self.friction, self.spring(share), self.contact_stiffness
         mass = self.density * 4.0 / 3.0 * pi * self.radius**3
 
@@ -251,6 +251,8 @@ def _speed(sim: Simulation, slider: int) -> float:
 
 def _growth(time: Array, force: Array, begin: float) -> float:
     """Mean growth of swings from one to the next, of half heights between turns after the step."""
+    from scipy.signal import find_peaks
+
     late = time > begin
     f = force[late]
     turns = np.sort(np.concatenate([find_peaks(s * f, prominence=1e-6)[0] for s in (1.0, -1.0)]))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Array, InputError, checked
+from ..fields import in_space
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -31,7 +32,7 @@ def fragments(sim: Simulation) -> NDArray[np.void]:
     count = int(label.max()) + 1
     n = sim.model.own_elements
     mass, inertia = sim.model.mass[:n], sim.model.inertia[:n]
-    x, v, w = _in_space(sim.position), _in_space(sim.velocity), sim.angular_velocity
+    x, v, w = in_space(sim.position), in_space(sim.velocity), sim.angular_velocity
     w = np.pad(w, ((0, 0), (2, 0))) if w.shape[1] == 1 else w
     total = np.bincount(label, mass, count)
     centre, velocity = (_sums(label, mass[:, None] * a, count) / total[:, None] for a in (x, v))
@@ -93,10 +94,6 @@ class FragmentTracker:
         """Look once more at the end."""
         if not self._rows or self._rows[-1][0] < sim.time:
             self.observe(sim)
-
-
-def _in_space(v: Array) -> Array:
-    return v if v.shape[1] == 3 else np.pad(v, ((0, 0), (0, 1)))
 
 
 def _sums(label: NDArray[np.int64], value: Array, count: int) -> Array:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Tf, Usd, UsdGeom
 
 from ..errors import Array, InputError
 from .whole import folder, whole
@@ -31,7 +31,10 @@ def write_film(scene: str | Path, path: str | Path, pixels: int = 640) -> int:
     if not Path(scene).is_file():
         raise InputError(f"there is no file {scene}.")
     folder(out.parent)
-    stage = Usd.Stage.Open(str(scene))
+    try:
+        stage = Usd.Stage.Open(str(scene))
+    except Tf.ErrorException:
+        raise InputError(f"{scene} is no USD file.") from None
     points = UsdGeom.Points(stage.GetPrimAtPath("/World/elements"))
     camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/camera"))
     if not points or not camera:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Array
-from ..fields import pressure, von_mises
+from ..fields import in_space, pressure, von_mises
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -18,14 +18,15 @@ SYMMETRIC = ((0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2))  # xx, yy, zz, xy, yz, xz
 
 
 def element_fields(sim: Simulation, stress: Array) -> dict[str, Array]:
-    """`FIELDS` of every element, SI units; stress is the simulation's, (n, 3, 3)."""
-    return {
+    """`FIELDS` of every element, SI units, plastic_strain where bodies may flow; stress is the
+    simulation's, (n, 3, 3)."""
+    found = {
         "velocity": in_space(sim.velocity),
         "mean_stress": -pressure(stress),
         "von_mises": von_mises(stress),
         "damage": sim.damage,
-        "plastic_strain": sim.plastic_strain,
     }
+    return found | ({"plastic_strain": sim.plastic_strain} if sim.model.yielding else {})
 
 
 def element_widths(sim: Simulation) -> Array:
@@ -43,8 +44,3 @@ def element_ids(sim: Simulation) -> NDArray[np.int64]:
 def element_bodies(sim: Simulation) -> NDArray[np.int64]:
     """Which body each element belongs to, (n,)."""
     return np.repeat(np.arange(len(sim.scene.bodies)), [len(b.packing) for b in sim.scene.bodies])
-
-
-def in_space(v: Array) -> Array:
-    """Vectors (n, 2) or (n, 3) as (n, 3), plane ones at z = 0."""
-    return v if v.shape[1] == 3 else np.column_stack([v, np.zeros(len(v))])

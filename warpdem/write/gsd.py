@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, library
-from .frame import SYMMETRIC, element_bodies, element_fields, element_ids, element_widths, in_space
+from ..fields import in_space
+from .frame import SYMMETRIC, element_bodies, element_fields, element_ids, element_widths
 from .whole import folder, whole
 
 if TYPE_CHECKING:
@@ -41,9 +42,16 @@ class GsdWriter:
         hoomd = library("gsd.hoomd", "gsd")
         if self._frames == 0:
             hoomd.open(self.path, "w").close()
-        with hoomd.open(self.path, "r+") as file:
-            extra = len(file) > self._frames
-        if extra:  # of a run that went on beyond the checkpoint that this one came from
+        there = 0
+        if self.path.exists():
+            with hoomd.open(self.path, "r") as file:
+                there = len(file)
+        if there < self._frames:
+            raise InputError(
+                f"{self.path} has {there} of the {self._frames} frames that it had at the "
+                "checkpoint; put it back, or hand over a writer of another name."
+            )
+        if there > self._frames:  # of a run that went on beyond the checkpoint
             self._keep(self._frames)
         with hoomd.open(self.path, "r+") as file:
             file.append(self._frame(sim))
@@ -87,8 +95,6 @@ class GsdWriter:
             "angular_velocity": sim.angular_velocity,
         }
         del fields["velocity"]
-        if not sim.model.yielding:
-            del fields["plastic_strain"]
         frame.log = {f"particles/{n}": np.ascontiguousarray(v) for n, v in fields.items()}
         frame.log["time"] = np.array([sim.time])
         return frame

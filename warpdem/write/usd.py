@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from ..errors import Array, InputError, one_of
+from ..fields import in_space
 from ..wall import Box, Mesh, Plane, Shape, Sphere
-from .frame import FIELDS, element_fields, element_ids, element_widths, in_space
+from .frame import FIELDS, element_fields, element_ids, element_widths
 from .whole import folder, whole
 
 if TYPE_CHECKING:
@@ -128,8 +129,6 @@ class UsdWriter:
 
     def _open(self, sim: Simulation) -> Usd.Stage:
         """A stage of what does not change; an empty folder, or that of the run that goes on."""
-        if not self.take.exists():
-            self._frame = 0
         missing = [n for n in range(self._frame) if not self._file(f"frame.{n:06}").exists()]
         if missing:
             raise InputError(
@@ -201,7 +200,7 @@ class UsdWriter:
             value = fields[name]
             array = _vectors(value) if value.ndim == 2 else Vt.FloatArray.FromNumpy(_single(value))
             primvar.Set(array, time)
-        shown = fields[self.color]
+        shown = fields.get(self.color, np.zeros(len(place)))  # nothing flows
         shown = np.linalg.norm(shown, axis=1) if shown.ndim == 2 else np.abs(shown)
         if self._range == 0.0:
             self._range = 2.0 * float(np.percentile(shown, 99.0))

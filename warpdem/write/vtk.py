@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, library
-from .frame import SYMMETRIC, element_bodies, element_fields, element_ids, element_widths, in_space
+from ..fields import in_space
+from .frame import SYMMETRIC, element_bodies, element_fields, element_ids, element_widths
 from .whole import folder, whole, write_json
 
 if TYPE_CHECKING:
@@ -41,6 +42,13 @@ class VtkWriter:
 
     def observe(self, sim: Simulation) -> None:
         """Add a frame."""
+        before = (self._name(n) for n in range(len(self._times)))
+        missing = [name for name in before if not self.path.with_name(name).exists()]
+        if missing:
+            raise InputError(
+                f"{missing[0]} and maybe more were there at the checkpoint and are gone; put them "
+                "back, or hand over a writer of another name."
+            )
         writer = library("vtkmodules.vtkIOXML", "vtk").vtkXMLPolyDataWriter()
         name = self._name(len(self._times))
         with whole(self.path.with_name(name)) as part:
@@ -80,8 +88,6 @@ class VtkWriter:
             "width": element_widths(sim),
             "stress": stress[:, *SYMMETRIC],
         }
-        if not sim.model.yielding:
-            del fields["plastic_strain"]
         along: dict[str, NDArray] = {
             "linked": sim.linked.astype(np.uint8),
             "force": in_space(sim.bond_force),
