@@ -1,12 +1,13 @@
 """The list of neighbours against an independent search over all pairs and images in NumPy."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
 import warpdem as wd
-from warpdem.validation.contact import balls
+from warpdem.validation.contact import ball, balls
 
 SOFT = wd.Material(1.0, 0.3, 1.0)
 pytestmark = pytest.mark.filterwarnings("ignore::warpdem.ModelWarning")  # of loose elements
@@ -124,6 +125,38 @@ def test_pairs_in_a_periodic_box(dim, edge, strain, precision):
         d = d + image @ (e * period).T + u[j] - u[own]
         size = np.linalg.norm(d, axis=1)
         assert (size <= reach[own] + reach[j] + near.skin + 1e-5).all()
+
+
+def test_no_pair_is_missed_while_a_strained_box_changes():
+    """Elements on both sides of a large box go with it as its strain grows from 0.3: the images of
+    those beyond a side go by more than they do."""
+    period, first = np.array([40.0, 44.0]), 0.3 * np.diag([1.0, -0.5])
+    rise = np.array([[1e-3, 0.0], [0.0, -5e-4]])
+
+    def strain(time):
+        return first + time * rise
+
+    scene = wd.Scene()
+    rows = np.arange(0.2, 43.0, 2.0)
+    middle = (np.eye(2) + first) @ [0.5 * (0.5 + 39.3), 0.5 * (rows[0] + rows[-1])]
+    for side in (0.5, 39.3):
+        for row in rows:
+            place = (np.eye(2) + first) @ [side, row]
+            body = scene.add(replace(ball(place, 0.4), period=period), SOFT)
+            scene.strain(body, strain)
+            scene.set_velocity(body, rise @ (place - middle))
+    scene.contact(skin=0.25)
+    sim = wd.Simulation(scene, dt=0.1)
+    near, most = sim._step.neighbours, 0
+    for _ in range(50):
+        sim.run(steps=20)
+        edges = (np.eye(2) + strain(sim.time)) * period
+        place = (sim.model.contact_position + sim.displacement) @ np.linalg.inv(edges).T
+        place = (place - np.floor(place)) @ edges.T
+        touching = all_pairs(place, sim.model.contact_radius, 0.0, edges)
+        most = max(most, len(touching))
+        assert touching <= {*map(tuple, near.pairs().tolist())}
+    assert most > 10 and near.builds > 1
 
 
 def test_more_neighbours_than_there_is_room_for_are_all_found():

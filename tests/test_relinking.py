@@ -43,6 +43,17 @@ def test_every_break_and_link_is_in_a_log():
     assert ledger["fracture"] + ledger["healing"] > 0.0
 
 
+def test_damage_starts_anew_with_a_link():
+    """It takes tension for a time, the incubation, to break the bond; each time again."""
+    slow = wd.Incubation(wd.Rankine(2e-3), time=5.0)
+    sim, _ = _driven(3, 120.0, 0.03, 0.01, True, "float64", slow)
+    broke, linked = sim.broken_bonds(), sim.relinked_bonds()
+    assert len(linked) >= 3 and 0 <= len(broke) - len(linked) <= 1
+    after = broke["time"][1:] - linked["time"][: len(broke) - 1]
+    assert (after >= 5.0).all()  # not at once, while it is pressed
+    assert (broke["normal_stress"] > 2e-3).all()
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -27,6 +27,25 @@ def test_without_welding_nothing_of_it_exists():
     assert len(sim.welded) == len(sim.welded_pairs()) == 0
 
 
+def test_what_a_weld_bears_does_not_roll():
+    """Two discs weld and are pulled along their line: rolling friction has no part in it."""
+    runs = []
+    for rolling in (0.0, 0.5):
+        scene = wd.Scene()
+        one = scene.add(ball(np.zeros(2), 0.5), SOFT)
+        other = scene.add(ball(np.array([0.99, 0.0]), 0.5), SOFT)
+        scene.contact(friction=0.4, rolling_friction=rolling, welding=wd.Welding(strength=5e-2))
+        scene.set_velocity(one, [-0.01, 0.0])
+        scene.set_velocity(other, [0.01, 0.0])
+        sim = wd.Simulation(scene, dt=0.1)
+        sim.run(steps=40)
+        assert len(sim.welded) == 1
+        runs.append(sim)
+    plain, rolls = runs
+    assert plain.force[0, 0] > 1e-4  # it is pulled
+    assert np.array_equal(plain.force, rolls.force) and not rolls.torque.any()
+
+
 def test_bodies_weld_and_fly_on_as_one():
     sim = meeting(wd.Welding(strength=0.1))
     free = meeting(None)

@@ -71,7 +71,7 @@ def checked_pairs(
     pairs: Mapping[tuple[Material, Material], Friction] | None,
 ) -> dict[frozenset[Material], Friction]:
     """Laws of friction between pairs of materials, in either order."""
-    checked: dict[frozenset[Material], Friction] = {}
+    laws: dict[frozenset[Material], Friction] = {}
     for pair, friction in (pairs or {}).items():
         if not (
             isinstance(pair, tuple)
@@ -80,9 +80,9 @@ def checked_pairs(
         ):
             raise InputError(f"pairs has the key {pair!r}; give pairs of materials, (a, b).")
         law = checked_friction(friction)
-        if checked.setdefault(frozenset(pair), law) != law:
+        if laws.setdefault(frozenset(pair), law) != law:
             raise InputError("pairs has two laws for one pair of materials; give it once.")
-    return checked
+    return laws
 
 
 def rubs(friction: Friction) -> bool:

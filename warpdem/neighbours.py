@@ -37,8 +37,10 @@ class Neighbours:
     The arrays it makes live among those of the step: `contact_start` (m + 1,), the rows of the
     elements that may touch; over the rows' entries `contact_neighbour`, `contact_reference` (from
     element to neighbour in the reference state), `contact_debt`, `contact_impulse`, and, where they
-    are asked for, `contact_spring`, `contact_theta`, `contact_dashpot`,
-    `contact_roll` and `contact_opened`. They grow as the list does.
+    are asked for, `contact_image` (of a periodic box), `contact_spring`, `contact_theta`,
+    `contact_dashpot`, `contact_roll`, `contact_opened`, and of welds `contact_welded`,
+    `contact_pressed`, `contact_worked` and what has just happened to them, `weld_event` and so on.
+    They grow as the list does.
     """
 
     def __init__(
@@ -86,7 +88,9 @@ class Neighbours:
         ones, to which launches have to be bound again. strain: of a periodic box now."""
         if self.builds:
             if self._is_strained:
-                change = strain - self._strain
+                # of places; images beyond a side move with the box, which goes by as much
+                first = np.eye(len(strain)) + self._strain
+                change = (strain - self._strain) @ np.linalg.inv(first)
                 stretch = float(np.linalg.norm(change, 2)) * self._reach
                 self._watch.set_param_by_name("limit", 0.5 * max(self.skin - stretch, 0.0))
                 self._watch.set_param_by_name("strain", _solid(change))

@@ -29,8 +29,8 @@ class Patch:
         for name, size in most.items():
             arrays["patch_" + name] = wp.zeros(size, dtype=wp.int32, device=device)
         # on a CPU, views of the same memory
-        own = [x for x in most if wp.get_device(device).is_cpu]
-        self._views = {x: arrays["patch_" + x].numpy() for x in own}
+        names = most if wp.get_device(device).is_cpu else ()
+        self._views = {x: arrays["patch_" + x].numpy() for x in names}
         self.facets, self.evm, self.bonds, self.elements = Part(), Part(), Part(), Part()
         self.near_facets, self.near_evm, self.near_elements = Part(), Part(), Part()
 

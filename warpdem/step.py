@@ -44,7 +44,8 @@ from .kernels.finite import (
     share_growth,
     true_stress,
 )
-from .kernels.fracture import break_beams, break_bonds, criterion_numbers, log_breaks
+from .kernels.fracture import break_beams, break_bonds, log_breaks
+from .kernels.friction import HOLDS
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
 from .kernels.relaxation import fire, fire_power
@@ -75,7 +76,6 @@ from .patch import Patch
 from .relinking import RelinkLog, WeldLog
 from .wall import Mesh, turn_between
 
-HOLDS = 1e20  # a friction that lets nothing slide
 STEERING = 0.5  # share of the lacking force that a steered wall makes good for in a step
 WELD_NUMBERS = "weld_pressure", "weld_time", "weld_work", "weld_strength"
 SETTLEMENTS = 3  # rounds in which pairs that share an element pay what closing left over
@@ -279,7 +279,7 @@ class Step:
         self.wall_way = np.zeros(len(model.walls))  # that steered ones have gone [m]
         self._walls_posed = False
         self._meshes = self._build_meshes()
-        # of a periodic box with contact: now, and at the end of the next step
+        # of a periodic box: now, and at the end of the next step
         fixed = model.contact_strain
         self.box_strains = np.zeros((2, model.features.dim, model.features.dim))
         if fixed is not None:
@@ -288,6 +288,7 @@ class Step:
             self.neighbours = Neighbours(model, self.arrays, *self._space, self.device)
         self.forget_gaps()
         self._bind_step()
+        self._move_sides()
         self.set_factors()
 
     # -- the outline ------------------------------------------------------------------------------
@@ -320,10 +321,10 @@ class Step:
         strain of a periodic box as at its end."""
         now = self.count * self.dt if time is None else time
         if self.model.strain_history is not None:
-            strain = np.asarray(self.model.strain_history(now + self.dt), dtype=np.float64)
-            self._write("box_strain", strain.ravel())
-        if self.neighbours is not None and self.model.contact_period is not None:
-            self._move_sides(now)
+            self.box_strains[0] = self.model.strain_history(now)
+            self.box_strains[1] = self.model.strain_history(now + self.dt)
+            self._write("box_strain", self.box_strains[1].ravel())
+            self._move_sides()
         for name, histories, at in (
             ("load_factor", self.model.load_histories, now),
             ("grip_factor", self.model.grip_histories, now + 0.5 * self.dt),
@@ -335,14 +336,13 @@ class Step:
                         values[grip] = factor
                 self._write(name, values)
 
-    def _move_sides(self, now: float) -> None:
-        """Strains of a periodic box at this instant and at the end of the next step, and how far
-        its edges have moved by them."""
-        period, history = self.model.contact_period, self.model.strain_history
-        for at, name in enumerate(("contact_box_before", "contact_box")):
-            if history is not None:
-                self.box_strains[at] = history(now + at * self.dt)
-            self._write(name, (self.box_strains[at] * period).ravel())
+    def _move_sides(self) -> None:
+        """How far the edges of a periodic box have moved by its strains."""
+        if self.neighbours is not None and self.model.contact_period is not None:
+            for strain, name in zip(
+                self.box_strains, ("contact_box_before", "contact_box"), strict=True
+            ):
+                self._write(name, (strain * self.model.contact_period).ravel())
 
     def evaluate_forces(self) -> None:
         """Forces and torques of all bonds at the current places."""
@@ -703,7 +703,9 @@ class Step:
         given: dict[str, Any] = {"rows": rows, "walls": walls}
         kinds = frozenset() if m.wall_kind is None else frozenset(m.wall_kind.tolist())
         welding = m.contact.welding
-        weld_numbers = {x: getattr(welding, x.removeprefix("weld_"), 0.0) for x in WELD_NUMBERS}
+        weld_numbers = dict.fromkeys(WELD_NUMBERS, 0.0)
+        if welding is not None:
+            weld_numbers = {x: getattr(welding, x.removeprefix("weld_")) for x in WELD_NUMBERS}
         law, on_walls = contact_forces(s, k, touch, walls > 0), wall_forces(s, k, kinds, touch)
         place = {"first_place": (m.features.slots - 1) * m.elements, "kinds": m.kinds}
         mu, both = coulomb(m.contact.friction), []
@@ -923,22 +925,21 @@ class Step:
     def _fracture_passes(self) -> list[Launched]:
         """Stress of the elements whose bonds may break, and the test of each criterion."""
         (s, k), m = self._space, self.model
-        passes, four = [], criterion_numbers(s)
+        passes = []
         if any(group.test.needs_stress for group in m.criteria):
             passes.append(self._stress("listed_elements"))
         for group in m.criteria:
             time, exponent = group.rate
             given: dict[str, Any] = {"time": time, "exponent": exponent, "dt": self.dt}
             given |= {f"number_{n + 1}": x for n, x in enumerate(group.numbers)}
-            given |= {"numbers": four(*group.numbers), "first": group.first}
-            given["listed"] = self.arrays["listed_bonds"]
+            given |= {"first": group.first, "listed": self.arrays["listed_bonds"]}
             assert m.listed_bonds is not None
             ids = m.listed_bonds[group.first : group.first + group.count]
-            given["first_bond"], in_row = int(ids[0]), bool((np.diff(ids) == 1).all())
+            given["first_bond"], is_contiguous = int(ids[0]), bool((np.diff(ids) == 1).all())
             if group.test.needs_stress:
-                law = break_bonds(s, k, m.features.faces, group.test, in_row, self._simd)
+                law = break_bonds(s, k, m.features.faces, group.test, is_contiguous, self._simd)
             else:
-                law = break_beams(s, group.test, in_row, self._simd)
+                law = break_beams(s, group.test, is_contiguous, self._simd)
                 given["first_evm"] = m.facet_bonds
             passes.append(self._bind(law, group.count, **given))
         return passes
@@ -1008,7 +1009,11 @@ class Step:
         self._bind_patch()
         relink = [
             self._move(half, 0.0, near=True),
-            self._bind(link_bonds(s, k, *kind), m.facet_listed, listed=listed),
+            self._bind(
+                link_bonds(s, k, *kind, "break_damage" in self.arrays),
+                m.facet_listed,
+                listed=listed,
+            ),
         ]
         if f.has_volume:
             sizes: dict[str, Any] = {"listed": self.arrays["patch_elements"]}
@@ -1147,11 +1152,8 @@ class Step:
     @property
     def _touch_law(self) -> str | None:
         """By which law elements touch, or None."""
-        return (
-            None
-            if self.neighbours is None or self.model.contact is None
-            else (self.model.contact.law)
-        )
+        contact = self.model.contact
+        return None if self.neighbours is None or contact is None else contact.law
 
     def _over_listed(
         self, facet_law: wp.Kernel, evm_law: wp.Kernel, near: bool = False, **given: Any

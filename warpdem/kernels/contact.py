@@ -15,9 +15,10 @@ import warp as wp
 
 from .algebra import Laws, narrow
 from .closing import closing
+from .friction import HOLDS
 from .friction import friction as friction_law
 from .memory import kernel, nn
-from .weld import HOLDS, weld
+from .weld import weld
 
 OPPOSITE = 1e-8  # |n + n_before|^2 below which two normals are taken to oppose each other
 
@@ -123,30 +124,6 @@ def contact(s: Laws, ages: bool = False) -> Laws:
         taken = real(0.5) * stiffness * wp.dot(turned + after, trial - after)
         return after, aged, taken
 
-    if s.dim == 2:
-
-        @wp.func
-        def rolled_plane(
-            spring: spin,
-            before: vec,
-            n: vec,
-            wa: spin,
-            wb: spin,
-            radius: real,
-            stiffness: real,
-            pull: real,
-            rolling: real,
-            twisting: real,
-            dt: real,
-        ):
-            """In the plane nothing twists."""
-            limit = -rolling * pull / stiffness
-            trial = spring + radius * dt * (wb - wa)
-            after = wp.clamp(trial, -limit, limit)
-            return after, real(0.5) * stiffness * (spring + after) * (trial - after)
-
-        return Laws(area=area, half_turn=half_turn, rub=rub, rolled=rolled_plane)
-
     @wp.func
     def rolled(
         spring: spin,
@@ -165,20 +142,28 @@ def contact(s: Laws, ages: bool = False) -> Laws:
         taken [J]: an elastic and plastic one each (Ai et al. 2011, model C).
 
         It grows by the turn of b against a times the radius of rolling, 1/R = 1/R_a + 1/R_b; times
-        k_t R it is the moment on a, held to `rolling` R N and `twisting` R N.
+        k_t R it is the moment on a, held to `rolling` R N and `twisting` R N. In the plane nothing
+        twists.
         """
-        mean = real(0.5) * (half_turn(wa, dt) + half_turn(wb, dt))
-        along = wp.dot(spring, before)
-        across = carried(spring - along * before, before, n, mean)
         growth = radius * dt * (wb - wa)
-        more = wp.dot(growth, n)
-        trial = across + growth - more * n
-        after = holding.slid(trial, -rolling * pull / stiffness)
-        limit = -twisting * pull / stiffness
-        twist = wp.clamp(along + more, -limit, limit)
-        taken = wp.dot(across + after, trial - after)
-        taken += (along + twist) * (along + more - twist)
-        return after + twist * n, real(0.5) * stiffness * taken
+        held = -rolling * pull / stiffness
+        if wp.static(s.dim == 2):
+            trial = spring + growth
+            after = wp.clamp(trial, -held, held)
+            taken = (spring + after) * (trial - after)
+        else:
+            mean = real(0.5) * (half_turn(wa, dt) + half_turn(wb, dt))
+            along = wp.dot(spring, before)
+            across = carried(spring - along * before, before, n, mean)
+            more = wp.dot(growth, n)
+            trial = across + growth - more * n
+            rolls = holding.slid(trial, held)
+            limit = -twisting * pull / stiffness
+            twist = wp.clamp(along + more, -limit, limit)
+            taken = wp.dot(across + rolls, trial - rolls)
+            taken += (along + twist) * (along + more - twist)
+            after = rolls + twist * n
+        return after, real(0.5) * stiffness * taken
 
     return Laws(area=area, half_turn=half_turn, rub=rub, rolled=rolled)
 
@@ -568,7 +553,7 @@ def contact_forces(s: Laws, k: Laws, touch: Touch, has_walls: bool = False):
                     radius = share * real(contact_radius[b])
                     roll, worn = law.rolled(
                         s.load_spin(contact_roll, e), nb, n, wa, wb, radius, shear,
-                        pull + resisted, rolling, twisting, real(dt),
+                        wp.min(pull + resisted, real(0.0)), rolling, twisting, real(dt),
                     )  # fmt: skip
                     s.store_spin(contact_roll, e, roll)
                     slip_energy[t] = slip_energy[t] + wp.float64(0.5) * wp.float64(worn)

@@ -10,8 +10,8 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
-from .closing import UNKNOWN, closing
-from .face import Faces, face
+from .closing import PARTED, UNKNOWN, closing
+from .face import Faces, carrying, face
 from .friction import face_friction
 from .memory import kernel, nn
 from .volume import volume
@@ -201,7 +201,7 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
 def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
     """Deformation measures of a bond, differenced in the precision of k, returned in that of s."""
     real, vec, narrowed, narrowed_spin = s.real, s.vec, narrow(s, k), narrow_spin(s, k)
-    measure, loss = measures(s), k.real(CRUSHED - 1.0)
+    measure, loss, carried = measures(s), k.real(CRUSHED - 1.0), carrying(s, k)
 
     @wp.func
     def load_measures(
@@ -269,10 +269,9 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
         half = k.real(0.5) * evm_length[c]
         ci = (evm_offset[nn(2 * c)] + half) * e0
         cj = -(evm_offset[nn(2 * c + 1)] + half) * e0
-        xi = k.turn(k.load_rot(orientation, i), ci)
-        xj = k.turn(k.load_rot(orientation, j), cj)
-        delta = (k.load(displacement, j) - k.load(displacement, i)) + xj - xi
-        return narrowed(delta), narrowed(ci + xi), narrowed(cj + xj)
+        qi = k.load_rot(orientation, i)
+        qj = k.load_rot(orientation, j)
+        return carried(k.load(displacement, j) - k.load(displacement, i), qi, qj, ci, cj)
 
     @wp.func
     def load_tilt(
@@ -411,7 +410,7 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool, by_kin
     """Pass over listed EVM bonds: unlinked ones resist closing (theory B11).
 
     rubs: closed ones also resist sliding, as `friction.face_friction` has it, across the bond and
-    where its middle was. ages: as in `contact.contact_forces`.
+    where its middle was. ages: as of `contact.Touch`.
     """
     kinematics, law, contact, real = evm_kinematics(s, k, has_slip), evm(s), closing(s), s.real
     rubbing = face_friction(s, k, ages)
@@ -495,6 +494,8 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool, by_kin
                 ti += s.cross(ci + delta, hold)
                 tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
+            if closing_gap[t] == real(PARTED):
+                closing_debt[t] = real(0.0)  # the list of neighbours has taken it over
             owed = contact.left_over(closing_stiffness[t], closing_gap[t], gap)
             closing_gap[t] = gap
             if owed != real(0.0):

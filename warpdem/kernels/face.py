@@ -24,12 +24,27 @@ class Faces(NamedTuple):
 
 
 @cache
+def carrying(s: Laws, k: Laws):
+    """delta = y_j - y_i [m] = u_j - u_i + (Q_j - 1) c_j - (Q_i - 1) c_i of two points that elements
+    carry, and the arms to them in the world frame."""
+    narrowed = narrow(s, k)
+
+    @wp.func
+    def carried(du: k.vec, qi: k.rot, qj: k.rot, ci: k.vec, cj: k.vec):
+        xi = k.turn(qi, ci)
+        xj = k.turn(qj, cj)
+        return narrowed(du + xj - xi), narrowed(ci + xi), narrowed(cj + xj)
+
+    return carried
+
+
+@cache
 def face(s: Laws, k: Laws, faces: Faces) -> Laws:
     """Openings and normals, differenced in the precision of k and returned in that of s.
 
     Where faces are central, one arm a bond is kept and the other is its opposite.
     """
-    narrowed, real = narrow(s, k), s.real
+    narrowed, real, carried = narrow(s, k), s.real, carrying(s, k)
 
     if faces.central:
 
@@ -43,11 +58,6 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         def load_arm(bond_arm: wp.array(dtype=k.real), entry: int) -> k.vec:
             """Arm c from an element's centre to the face, in the reference state."""
             return k.load(bond_arm, entry)
-
-    @wp.func
-    def opening(du: k.vec, qi: k.rot, qj: k.rot, ci: k.vec, cj: k.vec) -> k.vec:
-        """delta = y_j - y_i [m] = u_j - u_i + (Q_j - 1) c_j - (Q_i - 1) c_i."""
-        return du + k.turn(qj, cj) - k.turn(qi, ci)
 
     @wp.func
     def load_opening(
@@ -69,8 +79,7 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         du = k.load(displacement, j) - k.load(displacement, i)
         if wp.static(faces.has_jump):
             du += k.load(bond_jump, b)
-        delta = opening(du, qi, qj, ci, cj)
-        return narrowed(delta), narrowed(ci + k.turn(qi, ci)), narrowed(cj + k.turn(qj, cj))
+        return carried(du, qi, qj, ci, cj)
 
     @wp.func
     def load_slips(
@@ -165,7 +174,6 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
     return Laws(
         load_turn=load_turn,
         load_arm=load_arm,
-        opening=opening,
         load_opening=load_opening,
         load_slips=load_slips,
         load_anchors=load_anchors,

@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
-from .closing import TURNED, UNKNOWN, closing
+from .closing import PARTED, TURNED, UNKNOWN, closing
 from .contact import pair, pressing
 from .face import Faces, face
 from .friction import face_friction
@@ -170,11 +170,11 @@ def facet_forces(
 
 
 @cache
-def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
+def turning(s: Laws, k: Laws, touch_law: str | None) -> Laws:
     """What two elements whose faces turn away from each other become: spheres, or nothing where
-    elements do not touch. touch: by which law they do, or None."""
+    elements do not touch. touch_law: by which law they do, or None."""
     real = s.real
-    geometry, law = pair(s, k, touch == "hertz"), pressing(s, touch == "hertz")
+    geometry, law = pair(s, k, touch_law == "hertz"), pressing(s, touch_law == "hertz")
 
     @wp.func
     def load_sphere(
@@ -188,7 +188,7 @@ def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
         """Force on i of both as spheres [N], d = x_j - x_i, and their energy [J]."""
         force = s.vec()
         held = real(0.0)
-        if wp.static(touch is not None):
+        if wp.static(touch_law is not None):
             r = wp.length(d)
             gap = r - real(contact_radius[i] + contact_radius[j])
             stiffness = geometry.load_normal_stiffness(
@@ -203,14 +203,14 @@ def turning(s: Laws, k: Laws, touch: str | None) -> Laws:
 
 @cache
 def facet_closing(
-    s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, by_kind: bool, touch: str | None
+    s: Laws, k: Laws, faces: Faces, rubs: bool, ages: bool, by_kind: bool, touch_law: str | None
 ):
     """Pass over listed facet bonds: unlinked ones resist closing (theory B11).
 
     rubs: closed ones also resist sliding, as `friction.face_friction` has it. ages: as of
-    `contact.Touch`; touch: as in `turning`.
+    `contact.Touch`; touch_law: as in `turning`.
     """
-    turned_law = turning(s, k, touch)
+    turned_law = turning(s, k, touch_law)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
     rubbing = face_friction(s, k, ages)
 
@@ -289,6 +289,8 @@ def facet_closing(
                 ti += s.cross(ci + delta, hold)
                 tj -= s.cross(cj, hold)
             s.store_ends(bond_place, end_force, end_torque, b, f, ti, tj)
+            if closing_gap[t] == real(PARTED):
+                closing_debt[t] = real(0.0)  # the list of neighbours has taken it over
             owed = contact.left_over(stiffness, closing_gap[t], gap)
             if meets == real(0.0) and closing_stiffness[t] != real(0.0):
                 gap = real(TURNED)
@@ -408,7 +410,7 @@ def facet_closing_energies(
     k: Laws,
     faces: Faces,
     rubs: bool,
-    touch: str | None,
+    touch_law: str | None,
     has_rows: bool,
     simd: bool = True,
 ):
@@ -416,7 +418,7 @@ def facet_closing_energies(
 
     has_rows: of those in `rows` of the list alone.
     """
-    turned_law = turning(s, k, touch)
+    turned_law = turning(s, k, touch_law)
     geometry, law, contact, real = face(s, k, faces), facet(s), closing(s), s.real
 
     def facet_closing_energies(

@@ -324,7 +324,7 @@ def break_beams(s: Laws, test: Test, is_contiguous: bool, simd: bool = True):
     """Pass over listed EVM bonds: those whose stresses as beams exceed their strength unlink
     (Potyondy and Cundall 2004). What they carry is known from their forces; is_contiguous: see
     `break_bonds`."""
-    real, rule, four = s.real, exceeding(s, test), criterion_numbers(s)
+    real, rule = s.real, exceeding(s, test)
 
     def break_beams(
         # model
@@ -339,7 +339,10 @@ def break_beams(s: Laws, test: Test, is_contiguous: bool, simd: bool = True):
         break_normal: wp.array(dtype=real),
         break_shear: wp.array(dtype=real),
         any_broken: wp.array(dtype=real),
-        numbers: four,
+        number_1: real,
+        number_2: real,
+        number_3: real,
+        number_4: real,
         time: real,
         exponent: real,
         dt: real,
@@ -355,9 +358,9 @@ def break_beams(s: Laws, test: Test, is_contiguous: bool, simd: bool = True):
             return
         c = nn(b - first_evm)
         # F_n/S + |M_b|/W and |F_s|/S + |M_t|/W_t; numbers: 1/S, 1/W, 1/W_t
-        normal = beam_load[nn(4 * c)] * numbers[0] + beam_load[nn(4 * c + 2)] * numbers[1]
-        shear = beam_load[nn(4 * c + 1)] * numbers[0] + beam_load[nn(4 * c + 3)] * numbers[2]
-        ratio = wp.max(normal, shear * numbers[3]) / bond_strength[l]
+        normal = beam_load[nn(4 * c)] * number_1 + beam_load[nn(4 * c + 2)] * number_2
+        shear = beam_load[nn(4 * c + 1)] * number_1 + beam_load[nn(4 * c + 3)] * number_3
+        ratio = wp.max(normal, shear * number_4) / bond_strength[l]
         ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if ratio > real(1.0):
             bond_linked[b] = real(0.0)

@@ -6,6 +6,7 @@ import warp as wp
 
 from .algebra import Laws, narrow
 
+HOLDS = 1.0e20  # a friction that lets nothing slide
 NUMBERS = 7  # of a law: mu0, a, b, V0, Dc, theta0, whether the slip law holds
 ROUNDS = 16  # of Newton's method at most; from its bound it needs about ln(ln(V/V0)) and five
 

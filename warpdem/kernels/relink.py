@@ -181,8 +181,13 @@ def heal_bonds(s: Laws, k: Laws, faces: Faces, has_volume: bool, rubs: bool, can
 
 
 @cache
-def link_bonds(s: Laws, k: Laws, faces: Faces, has_volume: bool, rubs: bool, can_break: bool):
-    """Pass over listed facet bonds: those found to link do so, from the rest state of now."""
+def link_bonds(
+    s: Laws, k: Laws, faces: Faces, has_volume: bool, rubs: bool, can_break: bool, damages: bool
+):
+    """Pass over listed facet bonds: those found to link do so, from the rest state of now.
+
+    damages: some criterion has a damage that grows, which starts anew.
+    """
     load_rest, real = rest(s, k, faces, has_volume), s.real
     widened = narrow(k, s)
 
@@ -252,6 +257,8 @@ def link_bonds(s: Laws, k: Laws, faces: Faces, has_volume: bool, rubs: bool, can
         if wp.static(can_break):
             break_step[b] = -1
             bond_strength[l] = healing_strength[l]
+        if wp.static(damages):
+            break_damage[l] = real(0.0)
 
     return kernel(link_bonds, simd=False)
 

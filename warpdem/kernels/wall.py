@@ -21,8 +21,8 @@ FAR = 1.0e30
 
 
 @cache
-def shapes(dim: int, kinds: frozenset[int]) -> Laws:
-    """Signed distance [m], positive outside, and outward normal of the kinds a scene has.
+def shapes(dim: int, used: frozenset[int]) -> Laws:
+    """Signed distance [m], positive outside, and outward normal of the shapes that are used.
 
     Places are in the axes of the shape and from its place, in float64.
     """
@@ -84,7 +84,7 @@ def shapes(dim: int, kinds: frozenset[int]) -> Laws:
             n = outside / size
         return d - rounding, n
 
-    if MESH in kinds:
+    if MESH in used:
         single = wp.vec3f
 
         @wp.func
@@ -173,23 +173,23 @@ def shapes(dim: int, kinds: frozenset[int]) -> Laws:
         row = wp.static(NUMBERS) * w
         d = real(FAR)
         n = vec()
-        if wp.static(PLANE in kinds):  # noqa: SIM102
+        if wp.static(PLANE in used):  # noqa: SIM102
             if kind == wp.static(PLANE):
                 n = load_axis(wall_shape, w)
                 d = wp.dot(n, y)
-        if wp.static(SPHERE in kinds):  # noqa: SIM102
+        if wp.static(SPHERE in used):  # noqa: SIM102
             if kind == wp.static(SPHERE):
                 d, n = sphere(y, wall_shape[row + 3], wall_shape[row + 5])
-        if wp.static(CYLINDER in kinds):  # noqa: SIM102
+        if wp.static(CYLINDER in used):  # noqa: SIM102
             if kind == wp.static(CYLINDER):
                 d, n = cylinder(
                     y, load_axis(wall_shape, w), wall_shape[row + 3], wall_shape[row + 4],
                     wall_shape[row + 5],
                 )  # fmt: skip
-        if wp.static(BOX in kinds):  # noqa: SIM102
+        if wp.static(BOX in used):  # noqa: SIM102
             if kind == wp.static(BOX):
                 d, n = box(y, load_axis(wall_shape, w), wall_shape[row + 3])
-        if wp.static(MESH in kinds):  # noqa: SIM102
+        if wp.static(MESH in used):  # noqa: SIM102
             if kind == wp.static(MESH):
                 d, n = mesh(y, w, far, wall_mesh, wall_first_face, face_place)
         return d, n
@@ -236,10 +236,10 @@ def placing(s: Laws, k: Laws) -> Laws:
 
 
 @cache
-def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
+def wall_forces(s: Laws, k: Laws, used: frozenset[int], touch: Touch):
     """Pass over elements that may touch: what walls add to the forces of contacts."""
     real, law, spring_law = s.real, contact(s, touch.ages), pressing(s, touch.is_hertz)
-    shape, where, double = shapes(s.dim, kinds), placing(s, k), wp.float64
+    shape, where, double = shapes(s.dim, used), placing(s, k), wp.float64
     narrowed, widened = where.narrowed, where.widened
 
     def wall_forces(
@@ -412,10 +412,10 @@ def wall_forces(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
 
 
 @cache
-def wall_energies(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
+def wall_energies(s: Laws, k: Laws, used: frozenset[int], touch: Touch):
     """Per element that may touch: what walls add to the energy of contacts [J]."""
     real, law, spring_law = s.real, contact(s), pressing(s, touch.is_hertz)
-    shape, where = shapes(s.dim, kinds), placing(s, k)
+    shape, where = shapes(s.dim, used), placing(s, k)
 
     def wall_energies(
         # model
@@ -467,10 +467,10 @@ def wall_energies(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
 
 
 @cache
-def wall_settle(s: Laws, k: Laws, kinds: frozenset[int], touch: Touch):
+def wall_settle(s: Laws, k: Laws, used: frozenset[int], touch: Touch):
     """Pass over elements that may touch: what is owed to walls is paid by impulses along n."""
     real, spring_law, ends = s.real, closing(s), opening(s, touch.bounces)
-    shape, where = shapes(s.dim, kinds), placing(s, k)
+    shape, where = shapes(s.dim, used), placing(s, k)
     double = wp.float64
 
     def wall_settle(

@@ -115,7 +115,9 @@ def kalthoff_winkler() -> Iterator[Measurement]:
         yield Measurement(f"angle, {what}", 67.5, source, angle, abs(angle - 67.5), 7.0)
         start = found.start_time * 1e6
         yield _between(f"start in us, {what}", start, 20.0, 29.0, "Borden 2012, Belytschko 2003")
-        yield _below(f"median speed over c_R, {what}", found.median_over_rayleigh, 0.6, "as before")
+        yield _below(
+            f"median speed over c_R, {what}", found.median_over_rayleigh, 0.6, "Borden 2012"
+        )
 
 
 @case("crack", slow=True)
@@ -146,7 +148,7 @@ def uneven_strength() -> Iterator[Measurement]:
         yield _below(f"speed over that in even strength, {what}", ratio, 0.99, "Ravi-Chandar 2004")
     for what, run in zip(names[:2], uneven[:2], strict=True):
         ratio = even.roughness_spacings / run.roughness_spacings
-        yield _below(f"roughness of even strength over it, {what}", ratio, 0.9, "as before")
+        yield _below(f"roughness of even strength over it, {what}", ratio, 0.9, "Ravi-Chandar 2004")
 
 
 @case("crack", slow=True)

@@ -21,12 +21,6 @@ from .core import vanishing
 ROCK = RateAndState(mu0=0.6, a=0.010, b=0.015, V0=1e-6, Dc=2e-3)  # weakens as it slides faster
 
 
-def friction_of(law: RateAndState, rate: Array, theta: Array) -> Array:
-    """mu = a asinh(V/(2 V0) exp((mu0 + b ln(V0 theta/Dc))/a)), written independently."""
-    psi = (law.mu0 + law.b * np.log(law.V0 * theta / law.Dc)) / law.a
-    return law.a * np.arcsinh(0.5 * rate / law.V0 * np.exp(psi))
-
-
 def slider(
     law: RateAndState,
     stiffness: float,

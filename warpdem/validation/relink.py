@@ -16,6 +16,7 @@ from .case import Measurement, case
 from .core import vanishing
 
 SOFT = Material(1.0, 0.3, 1.0)
+BRITTLE = Rankine(2e-3)
 
 
 def _mechanical(sim: Simulation) -> float:
@@ -88,12 +89,18 @@ def _couple(fracture: Fracture | None, healing: Healing | None) -> tuple[Scene, 
 
 
 def _driven(
-    cycles: int, period: float, pull: float, push: float, heals: bool, precision: str
+    cycles: int,
+    period: float,
+    pull: float,
+    push: float,
+    heals: bool,
+    precision: str,
+    fracture: Fracture = BRITTLE,
 ) -> tuple[Simulation, Array]:
     """The bar, pulled and pushed at its right end that many times. Its mechanical energy less the
     work done on it, and what all switches of bonds have released, after every tenth of them."""
     law = Healing(pressure=1e-4) if heals else None
-    scene, body = _couple(Rankine(2e-3) if heals else None, law)
+    scene, body = _couple(fracture if heals else None, law)
     if not heals:
         body.linked[1] = False
     mean, half = 0.5 * (pull - push), 0.5 * (pull + push)

@@ -204,7 +204,7 @@ def _oblique(dim: int) -> Iterator[Measurement]:
     sim = Simulation(scene, dt=0.02)
     before, held = momenta(sim), sim.energy()["kinetic"]
     touched = False
-    while not touched or len(sim.contacts):
+    while (not touched or len(sim.contacts)) and sim.time < 1e4:
         sim.run(steps=10)
         touched |= len(sim.contacts) > 0
     after = momenta(sim)

@@ -9,14 +9,11 @@ import numpy as np
 from .. import packing
 from ..criteria import Rankine
 from ..errors import Array
-from ..material import Material
 from ..scene import Body, Scene
 from ..simulation import Simulation
 from .case import Measurement, case
-from .contact import ball, momenta, turned_once
+from .contact import SOFT, ball, momenta, turned_once
 from .core import vanishing
-
-SOFT = Material(1.0, 0.3, 1.0)
 
 
 def _pair(
@@ -201,7 +198,6 @@ def rubble_spins_and_flies() -> Iterator[Measurement]:
             yield Measurement(
                 f"lists built, {where}", 2, "they move", builds, float(builds < 2), 0.0
             )
-        differs = 0
         states = []
         for _ in range(5):
             sim = _rubble(dim, 0.05)
