@@ -29,7 +29,7 @@ ALLOWED = {
         *("errors", "bond", "criteria", "kernels", "plasticity", "scene", "viscoelasticity"),
         *("contact", "friction", "material", "relinking", "wall"),
     },
-    "archive": {"errors"},
+    "archive": {"errors", "write"},
     "checkpoint": {"archive", "errors", "model", "wall"},
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},

@@ -1,6 +1,7 @@
 """Runs that go on from a checkpoint: every bit, every fault, every signal."""
 
 import json
+import os
 import resource
 import signal
 import zipfile
@@ -363,7 +364,6 @@ def whole(tmp_path_factory):
 
 def test_the_same_state_gives_the_same_file(whole, tmp_path):
     sim = wd.resume(whole[0], facets())
-    sim.seconds = wd.resume(whole[0], facets()).seconds
     sim.save(tmp_path / "b.npz")
     assert (tmp_path / "b.npz").read_bytes() == whole[1]
 
@@ -450,7 +450,17 @@ def test_forged_sizes_are_refused_before_memory_is_taken(
 
 def test_strange_headers_are_refused(tmp_path):
     path = tmp_path / "a.npz"
-    for header in ("[]", "{", "7", '{"version": 99, "arrays": {}}', '{"version": 1}'):
+    endless = '{"version": 1, "arrays": ' + "[" * 100_000
+    lists = '{"version": 1, "arrays": []}'
+    for header in (
+        "[]",
+        "{",
+        "7",
+        '{"version": 99, "arrays": {}}',
+        '{"version": 1}',
+        lists,
+        endless,
+    ):
         forged(path, header, {})
         with pytest.raises(wd.DamagedFileError, match="damaged"):
             archive.read_archive(path)
@@ -512,6 +522,41 @@ def test_a_log_that_lost_lines_is_refused(tmp_path):
 
 def hash_of(sim):
     return sha256(b"".join(v for _, v in sorted(bytes_of(sim).items()))).hexdigest()
+
+
+def test_records_that_wait_for_their_observers_are_not_lost(tmp_path):
+    path = tmp_path / "a.npz"
+    sim = wd.Simulation(facets())
+    sim.observe(wd.FragmentTracker(every=5))
+    sim.run(steps=10)
+    sim.save(path)
+    again = wd.resume(path, facets())
+    with pytest.raises(wd.InputError, match="have not been handed over"):
+        again.save(path)
+    tracker = again.observe(wd.FragmentTracker(every=5))
+    again.save(path)
+    assert len(tracker.history) == 3
+
+
+def test_a_signal_that_is_ignored_stays_so(tmp_path):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        sim = wd.Simulation(facets())
+
+        class Caller:
+            every = 4
+
+            def observe(self, _):
+                os.kill(os.getpid(), signal.SIGINT)
+
+            def finish(self, _):
+                pass
+
+        sim.observe(Caller())
+        sim.run(steps=12, checkpoint=tmp_path / "a.npz")
+        assert sim.steps == 12
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_five_runs_of_a_scene_are_one():

@@ -77,6 +77,29 @@ def test_the_element_is_named():
     with pytest.raises(wd.NonFiniteError, match="facet_stiffness of bonds 11 is"):
         sim._guard()
 
+    ring = wd.packing.ring(1.0, 8, wd.Circle(0.1))  # of as many bonds as elements
+    scene = wd.Scene()
+    scene.add(ring, wd.Material(1.0, 0.3, 1.0), bond=wd.EVMBond(1.0, 1.0, 1.0, 1.0))
+    sim = wd.Simulation(scene)
+    bad = sim._step.download("evm_stiffness")
+    bad[5, 0] = np.nan
+    sim._step.upload("evm_stiffness", bad)
+    with pytest.raises(wd.NonFiniteError, match="evm_stiffness of bonds 5 is"):
+        sim._guard()
+
+
+def test_what_was_sound_is_known_after_a_renewal_and_a_resume(tmp_path):
+    sim = wd.Simulation(renewing())
+    sim.run(steps=3)
+    sim.renew_faces()
+    assert sim._guarded.last_step == 3 and len(sim._guarded.last)
+    sim = wd.Simulation(facets())
+    sim.run(steps=20)
+    sim.save(tmp_path / "a.npz")
+    again = wd.resume(tmp_path / "a.npz", facets())
+    assert again._guarded.last_step == 20
+    assert np.array_equal(again._guarded.last["displacement"], sim.displacement)
+
 
 def test_twice_the_stable_step_is_found_while_numbers_are_finite():
     p = core.small_packing("hex strain")

@@ -17,13 +17,19 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from .errors import DamagedFileError, InputError, UnwritableError
+from .errors import DamagedFileError, InputError
+from .write.whole import whole
 
 VERSION = 1
 SEAL = b"warpdem sha256 "
 DIGEST = 64  # hexadecimal digits
 MOST_HEADER = 1 << 28  # bytes that a header may take
 BLOCK = 1 << 20
+# what the readers of zip files, JSON and NumPy's format raise for bytes that are none of theirs:
+# RuntimeError also of an encrypted member, and of JSON that is nested without end
+UNREADABLE = (
+    zipfile.BadZipFile, AttributeError, KeyError, RuntimeError, TypeError, ValueError,
+)  # fmt: skip
 DTYPE = re.compile(r"[|<][biufUS]\d+")
 
 
@@ -33,10 +39,9 @@ def write_archive(path: Path, header: dict[str, Any], arrays: dict[str, NDArray]
 
     header: plain data for JSON; arrays: of numbers or texts, structured ones as well.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     told = {name: [_dtype_told(a.dtype), list(a.shape)] for name, a in arrays.items()}
     text = json.dumps({"version": VERSION, "arrays": told, **header}, allow_nan=True)
-    try:
+    with whole(path) as part:
         with part.open("w+b") as file:
             with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
                 archive.writestr(_member("header.json"), text)
@@ -50,35 +55,14 @@ def write_archive(path: Path, header: dict[str, Any], arrays: dict[str, NDArray]
             file.seek(-DIGEST, os.SEEK_END)
             file.write(digest)
             file.flush()
-            os.fsync(file.fileno())
+            os.fsync(file.fileno())  # before the file of this name gets its second one
         if path.exists():
             _keep(path)
-        os.replace(part, path)
-        sync_folder(path.parent)
-    except OSError as error:
-        raise UnwritableError(
-            f"cannot write {path}: {error.strerror or error}; what was there before is whole. Free "
-            "some space, or choose another folder."
-        ) from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def previous(path: Path) -> Path:
     """Where the file that had this name before is kept."""
     return path.with_name(f"{path.stem}.previous{path.suffix}")
-
-
-def sync_folder(path: Path) -> None:
-    """Make renames in a folder last through a loss of power, where the system can."""
-    try:
-        handle = os.open(path, os.O_RDONLY)
-    except OSError:  # Windows opens no folders
-        return
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, NDArray]]:
@@ -100,7 +84,7 @@ def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, NDArray]]:
         raise InputError(f"cannot read {path}: {error.strerror or error}.") from None
     except _WrongError as wrong:
         raise DamagedFileError(f"{path} is damaged: {wrong}{_advice(path)}.") from None
-    except (zipfile.BadZipFile, KeyError, TypeError, ValueError, NotImplementedError) as error:
+    except UNREADABLE as error:
         raise DamagedFileError(
             f"{path} is damaged: not a file as warpdem writes them ({error}){_advice(path)}."
         ) from None

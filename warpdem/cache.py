@@ -38,9 +38,9 @@ def _load(module: Any, device: Any, block_dim: int | None = None, *more: Any, **
     def load() -> Any:
         return type(module).load(module, device, block_dim, *more, **named)
 
-    if module.execs:
-        return load()
     size = module.options["block_dim"] if block_dim is None else block_dim
+    if (wp.get_device(device).context, size) in module.execs:  # as Warp itself keys it
+        return load()
     where = Path(wp.config.kernel_cache_dir) / module.get_module_identifier(size)
     there, known = where.is_dir(), _read(where)
     if any(_digest(where / name) != digest for name, digest in known.items()):

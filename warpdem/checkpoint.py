@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .archive import previous, read_archive, write_archive
-from .errors import DamagedFileError, InputError, positive
+from .errors import DamagedFileError, InputError, positive, whole_number
 from .model import state_arrays
 from .wall import Shape
 
@@ -45,12 +45,10 @@ class Checkpoint:
     """
 
     def __init__(self, path: str | Path, every: int = 1000, seconds: float | None = None) -> None:
-        self.path, self.every = Path(path), every
+        self.path, self.every = Path(path), whole_number("every", every, 1)
         self.seconds = None if seconds is None else float(positive("seconds", seconds, ()))
         if self.path.suffix != ".npz":
             raise InputError(f"{self.path.name} must end in .npz.")
-        if every < 1:
-            raise InputError(f"checkpoint_every is {every}; give 1 or more steps.")
         if not self.path.parent.is_dir():
             raise InputError(f"there is no folder {self.path.parent}; make it first.")
         self._saved, self._since = -1, 0.0
@@ -89,7 +87,9 @@ def noted_signals(wanted: bool) -> Iterator[list[int]]:
     if not wanted or threading.current_thread() is not threading.main_thread():
         yield noted
         return
-    before = {s: signal.signal(s, lambda number, _: noted.append(number)) for s in SIGNALS}
+    # what ignores them, such as a job in the background, goes on doing so
+    heard = [s for s in SIGNALS if signal.getsignal(s) not in (signal.SIG_IGN, None)]
+    before = {s: signal.signal(s, lambda number, _: noted.append(number)) for s in heard}
     try:
         yield noted
     finally:
@@ -106,6 +106,11 @@ def save(sim: Simulation, path: Path) -> None:
         if name not in step.addresses
     }
     parts = {name: told(part, data) for name, part in _parts(sim).items()}
+    if sim._awaited:
+        raise InputError(
+            "observers of the run that goes on have not been handed over; their records would be "
+            "lost. Hand them over before the state is saved."
+        )
     observers = [[type(o).__name__, told(o, data)] for o in sim._observers]
     header = {
         "kind": KIND,
@@ -153,7 +158,9 @@ def restore(sim: Simulation, header: dict[str, Any], arrays: dict[str, NDArray])
     if step.neighbours is not None:
         step.neighbours.reshape()
     _check_histories(step, saved)
-    sim._awaited = [(name, data, arrays) for name, data in header["observers"]]
+    records = {name: a for name, a in arrays.items() if not name.startswith(STATE)}
+    sim._awaited = [(name, data, records) for name, data in header["observers"]]
+    sim._guarded.check(step)
 
 
 def hand_over(awaited: tuple[str, Any, dict[str, NDArray]], observer: Observer) -> None:
@@ -188,13 +195,15 @@ def told(owner: object, arrays: dict[str, NDArray]) -> Any:
     for name, value in getattr(owner, "__dict__", {}).items():
         if name in left:
             continue
+        before = len(arrays)
         try:
             if _has_records(value):
                 pairs.append([name, {"object": told(value, arrays)}])
             else:
                 pairs.append([name, _tell(value, arrays)])
         except _NotPlainError:
-            continue
+            for orphan in list(arrays)[before:]:
+                del arrays[orphan]
     return {"dict": pairs}
 
 
@@ -233,7 +242,7 @@ def _tell(value: Any, arrays: dict[str, NDArray]) -> Any:
     if type(value) is dict:
         return {"dict": [[_key(k), _tell(v, arrays)] for k, v in value.items()]}
     if type(value) in (set, frozenset):
-        return {"set": [_tell(x, arrays) for x in sorted(value, key=repr)]}
+        return {type(value).__name__: [_tell(x, arrays) for x in sorted(value, key=repr)]}
     if type(value) is tuple:
         return {"tuple": [_tell(x, arrays) for x in value]}
     if type(value) is not list:
@@ -241,6 +250,7 @@ def _tell(value: Any, arrays: dict[str, NDArray]) -> Any:
     if (
         value
         and type(value[0]) is tuple
+        and value[0]
         and all(type(x) is tuple and len(x) == len(value[0]) for x in value)
     ):  # rows of a table: column by column, in few arrays
         return {"rows": [_tell(list(c), arrays) for c in zip(*value, strict=True)]}
@@ -263,6 +273,8 @@ def _put(value: Any, arrays: dict[str, NDArray]) -> str:
 
 
 def _key(value: Any) -> Any:
+    if isinstance(value, np.integer):
+        return int(value)
     if type(value) not in (str, int):
         raise _NotPlainError
     return value
@@ -287,7 +299,7 @@ def _read(data: Any, arrays: dict[str, NDArray]) -> Any:
     items = [_read(x, arrays) for x in inner]
     if kind == "rows":
         return list(zip(*items, strict=True))
-    return {"list": list, "tuple": tuple, "set": set}[kind](items)
+    return {"list": list, "tuple": tuple, "set": set, "frozenset": frozenset}[kind](items)
 
 
 # -- within ---------------------------------------------------------------------------------------

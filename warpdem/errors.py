@@ -110,7 +110,7 @@ def not_negative(name: str, given: float) -> float:
     return value
 
 
-def whole(name: str, value: object, least: int = 0, most: int = MOST) -> int:
+def whole_number(name: str, value: object, least: int = 0, most: int = MOST) -> int:
     """A whole number between two."""
     try:
         number = index(value)  # type: ignore[arg-type]

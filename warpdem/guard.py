@@ -13,6 +13,9 @@ TINY = 1e-3  # spacings a step: energy of such motion is always allowed
 KEPT = ("displacement", "orientation", "velocity", "angular_velocity")
 
 
+OF_BONDS = ("bond_", "branch_", "break_", "closing_", "evm_", "facet_", "healing_", "linked_")
+
+
 class Guard:
     """Watches every array that steps may change and that was finite when the run began.
 
@@ -101,7 +104,7 @@ class Guard:
         rows = shape[0] if shape else 1
         bad = np.flatnonzero(flat.reshape(rows, -1).any(axis=1))
         listed = m.listed_bonds
-        if rows in (m.elements, m.features.slots * m.elements):
+        if rows in (m.elements, m.features.slots * m.elements) and not name.startswith(OF_BONDS):
             return "elements " + _ids(bad % m.elements, m.elements)
         if rows in (m.bonds, m.bonds + 1, m.facet_bonds):
             return "bonds " + _ids(bad, m.bonds + 1)

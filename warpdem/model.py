@@ -230,9 +230,7 @@ class Model:
     wall_friction: Array | None = None  # (walls,)
     wall_rolling: Array | None = None  # (walls,) if any contact resists rolling
     wall_twisting: Array | None = None  # (walls,) likewise
-    friction_numbers: Array | None = (
-        None  # (kinds^2 + walls kinds, 7) of all, if any has a state
-    )
+    friction_numbers: Array | None = None  # (kinds^2 + walls kinds, 7) of all, if any has a state
     kinds: int = 1  # of elements, by what they are made of, where friction differs
     contact_kind: Ids | None = None  # (n,)
     friction_table: Array | None = None  # (kinds^2 + walls kinds,) Coulomb's, row after row

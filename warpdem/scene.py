@@ -21,7 +21,7 @@ from .errors import (
     not_negative,
     one_of,
     positive,
-    whole,
+    whole_number,
 )
 from .friction import Friction, RateAndState, checked_friction, checked_pairs
 from .material import Material
@@ -349,7 +349,7 @@ class Scene:
         one_of("by", by, ("bond", "element"))
         if body.fracture is None:
             raise InputError("this body has no fracture criterion to scatter; give one first.")
-        rng = np.random.default_rng(whole("seed", seed))
+        rng = np.random.default_rng(whole_number("seed", seed))
         if by == "bond":
             factor = rng.weibull(modulus, len(body.packing.bonds))
         else:

@@ -23,6 +23,7 @@ from .errors import (
     finite,
     first_ids,
     one_of,
+    whole_number,
 )
 from .guard import Guard
 from .model import Model, build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
@@ -95,6 +96,8 @@ class Simulation:
 
     Raises InputError for an empty scene, an unknown device or precision, or a bad dt.
     """
+
+    not_saved = ("device", "_awaited")  # a checkpoint leaves these to whoever goes on from it
 
     @checked
     def __init__(
@@ -196,8 +199,7 @@ class Simulation:
 
     def observe(self, observer: Observer) -> Observer:
         """Hand over an observer, called from now on; returns it."""
-        if observer.every < 1:
-            raise InputError(f"every is {observer.every}; observe every 1 or more steps.")
+        whole_number("every", observer.every, 1)
         if isinstance(observer, Checkpoint):
             self._checkpoints.append(observer)
             return observer
@@ -229,8 +231,7 @@ class Simulation:
             raise InputError("give either until (a time in seconds) or steps.")
         if until is not None:
             steps = max(0, round((float(finite("until", until, ())) - self.time) / self.dt))
-        if not isinstance(steps, int | np.integer) or steps < 0:
-            raise InputError(f"steps is {steps!r}; give a whole number, not negative.")
+        count = whole_number("steps", steps, most=2**62)
         kept = list(self._checkpoints)
         if checkpoint is not None:
             kept.append(Checkpoint(checkpoint, checkpoint_every))
@@ -238,7 +239,7 @@ class Simulation:
             each.start(self)
         self._stopped = False
         with noted_signals(bool(kept)) as noted:
-            self._run(self._step.count + steps, kept, noted)
+            self._run(self._step.count + count, kept, noted)
         if noted:
             self._interrupt(noted[0], kept)
 
@@ -405,6 +406,7 @@ class Simulation:
         size = float(np.abs(stress).max())
         change = float(np.abs(self.stress - stress).max()) / size if size > 0.0 else 0.0
         self._renewals.append((step.count, self.time, jump, change, lack))
+        self._guarded.check(self._step)
         return self.renewals[-1]
 
     @property
@@ -1072,9 +1074,7 @@ def resume(
     header, arrays = read(Path(path))
     where = device or header["device"]
     sim = Simulation(scene, device=where, threads=threads, **header["options"])
-    now = sim.device
     restore(sim, header, arrays)
-    sim.device = now
     return sim
 
 

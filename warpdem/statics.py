@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Array, InputError, NotConvergedError, positive, whole
+from .errors import Array, InputError, NotConvergedError, positive, whole_number
 from .model import Model
 from .step import Step, gathered
 
@@ -75,7 +75,7 @@ def relax(
 
     Returns the residual over the size of the bond forces; raises NotConvergedError.
     """
-    whole("max_steps", max_steps)
+    whole_number("max_steps", max_steps)
     positive("tolerance", tolerance, ())
     _refuse_flight(step)
     held = {name: step.download(name) for name in ("velocity", "angular_velocity")}
@@ -136,8 +136,8 @@ def equilibrate(
     """
     if step.real is not step.place or step.download("displacement").dtype != np.float64:
         raise InputError("equilibrate needs precision='float64'; relax works in all.")
-    whole("load_steps", load_steps, 1)
-    whole("max_iterations", max_iterations, 1)
+    whole_number("load_steps", load_steps, 1)
+    whole_number("max_iterations", max_iterations, 1)
     positive("tolerance", tolerance, ())
     m = step.model
     loads = ("external_force", "external_torque", "timed_force", "timed_torque")

@@ -6,7 +6,7 @@ from math import prod, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, checked, one_of, whole
+from ..errors import InputError, checked, one_of, whole_number
 from .packing import SIDES, Mask, Packing, check_box
 
 
@@ -199,4 +199,4 @@ def _sides(sites: NDArray[np.int64], layers: int = 1) -> dict[str, Mask]:
 def _filled(*counts: int) -> None:
     if min(counts) < 1:
         raise InputError("the box holds no element; enlarge size or reduce spacing.")
-    whole("the number of elements", prod(counts))
+    whole_number("the number of elements", prod(counts))

@@ -8,7 +8,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MOST, Array, InputError, checked, finite, first_ids, positive, whole
+from ..errors import MOST, Array, InputError, checked, finite, first_ids, positive, whole_number
 from ..section import Section, check_section
 from . import file
 from .packing import Mask, Packing
@@ -75,7 +75,7 @@ def filament(
     length, as a sphere's; with rod_inertia (in space) also in torsion, about the rod's own axis,
     which costs a few times more in motion. Sides: "start" and "end" of an open rod.
     """
-    whole("bonds", bonds, 3 if closed else 1)
+    whole_number("bonds", bonds, 3 if closed else 1)
     x = _even(curve, bonds, closed)
     n, dim = x.shape
     pairs = np.stack([np.arange(bonds), np.arange(1, bonds + 1) % n], axis=1)
@@ -94,7 +94,7 @@ def helix(
     positive("radius", radius, ())
     positive("turns", turns, ())
     finite("pitch", pitch, ())
-    whole("bonds_per_turn", bonds_per_turn, 1, int(MOST / max(turns, 1.0)))
+    whole_number("bonds_per_turn", bonds_per_turn, 1, int(MOST / max(turns, 1.0)))
     bonds = round(turns * bonds_per_turn)
 
     def coil(s: float) -> Array:
@@ -115,7 +115,7 @@ def ring(
     """A closed circular rod about the origin, radius [m]; with a plane in the plane, else in space
     about z."""
     positive("radius", radius, ())
-    whole("bonds", bonds, 3)
+    whole_number("bonds", bonds, 3)
     angle = 2.0 * pi * np.arange(bonds) / bonds
     x = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if plane is None:
@@ -146,7 +146,7 @@ def frame(
         raise InputError("edges must be pairs of nodes, integers of shape (e, 2).")
     if ((ends < 0) | (ends >= len(x))).any():
         raise InputError(f"edges name nodes outside 0..{len(x) - 1}.")
-    whole("bonds_per_edge", bonds_per_edge, 1)
+    whole_number("bonds_per_edge", bonds_per_edge, 1)
     lone = np.bincount(ends.ravel(), minlength=len(x)) == 0
     if lone.any():
         raise InputError(f"nodes {first_ids(lone)} belong to no edge; leave them out.")
@@ -177,7 +177,7 @@ def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packin
     columns, rows = round(size[0] / width), round(size[1] / height)
     if columns < 1 or rows < 1:
         raise InputError("the box holds no ring; enlarge size or reduce spacing.")
-    whole("the number of elements", 4 * rows * columns)
+    whole_number("the number of elements", 4 * rows * columns)
     cell = np.array([[0.0, 0.0], [0.5, 0.5], [0.5, 1.5], [0.0, 2.0]]) * [width, spacing]
     row, column = np.divmod(np.arange(rows * columns), columns)
     corner = np.stack([column * width, row * height], axis=1)

@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import Array, InputError, ModelWarning, checked, finite, first_ids, positive, whole
+from ..errors import (
+    Array,
+    InputError,
+    ModelWarning,
+    checked,
+    finite,
+    first_ids,
+    positive,
+    whole_number,
+)
 from .body import Body, Periodic, body_of
 from .packing import Packing
 from .shapes import Box, Shape, place
@@ -52,7 +61,7 @@ def voronoi(
     Shapes other than boxes need warpdem[geometry]. Raises InputError for a shape that is not simple
     or not closed, and for cells that do not fill it; warns of a body in several pieces.
     """
-    rng = np.random.default_rng(whole("seed", seed))
+    rng = np.random.default_rng(whole_number("seed", seed))
     shape, local = _shape(size), _local(spacing)
     rough = body_of(shape, inf, periodic)
     h = local(_points(rough, SAMPLES, rng))
@@ -119,7 +128,7 @@ def polydisperse(
 
     Raises InputError as laguerre does; more relaxations help.
     """
-    rng = np.random.default_rng(whole("seed", seed))
+    rng = np.random.default_rng(whole_number("seed", seed))
     r = positive("radius", radius, (None,))
     body = _fine(_shape(shape), len(r), periodic)
     ball, part = (pi, 0.84) if body.dim == 2 else (4.0 / 3.0 * pi, 0.64)
@@ -145,7 +154,7 @@ def _fine(shape: Shape, count: int, periodic: bool) -> Body:
 def _enough(count: int, dim: int) -> None:
     if count < dim + 2:
         raise InputError("the shape holds too few elements; enlarge it or reduce spacing.")
-    whole("the number of elements", count)
+    whole_number("the number of elements", count)
 
 
 def _local(spacing: Spacing) -> Callable[[Array], Array]:
@@ -214,7 +223,7 @@ def _relaxed(
     If the spheres are to grow, they do so in the first half of the sweeps, from points.
     Where a cell is in several pieces, as on both sides of a slit, each gets a centre of its own.
     """
-    whole("relaxations", relaxations, most=1000)
+    whole_number("relaxations", relaxations, most=1000)
     began, most = time.perf_counter(), 2 * len(x)
     for attempt in range(6):
         sweeps = relaxations if attempt == 0 else min(relaxations, 3)

@@ -9,19 +9,18 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from ..errors import InputError, UnwritableError
-from .whole import folder, write_json
+from .whole import folder, whole, write_json
 
 
 @contextmanager
-def alone(where: Path, who: str) -> Iterator[None]:
-    """Holds a folder against other processes. who: that has it then, and what it does there, in
-    the InputError that they get."""
+def alone(where: Path, refusal: str) -> Iterator[None]:
+    """Holds a folder against other processes, whose InputError begins with `refusal`."""
     lock = FileLock(where / ".lock")
     try:
         lock.acquire(timeout=0)
     except Timeout:
         raise InputError(
-            f"{who} {where}; wait until it is over, or choose another folder."
+            f"{refusal} {where}; wait until it is over, or choose another folder."
         ) from None
     try:
         yield
@@ -50,17 +49,20 @@ def _told(out: Path, record: dict[str, Any]) -> Iterator[Path]:
         yield out
     except BaseException as error:
         if isinstance(error, InputError) and not isinstance(error, UnwritableError):
-            told.unlink()  # nothing was run: all is as it was
-            if before is not None:
-                told.write_bytes(before)
+            # nothing was run: all is as it was
+            if before is None:
+                told.unlink()
+            else:
+                with whole(told) as part:
+                    part.write_bytes(before)
             (out / ".lock").unlink(missing_ok=True)
             raise
         ended = isinstance(error, KeyboardInterrupt | SystemExit)
         why = f"{type(error).__name__}: {error}"
         if ended:
             code = getattr(error, "code", 128 + signal.SIGINT)
-            if isinstance(code, int) and code > 128:
-                why = f"ended by {signal.Signals(code - 128).name}"
+            names = {128 + s: s.name for s in signal.Signals}
+            why = f"ended by {names[code]}" if code in names else why
         with suppress(UnwritableError):  # where the disk is full, "running" stays
             write_json(
                 told, record | {"status": "interrupted" if ended else "failed", "error": why}

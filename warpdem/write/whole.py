@@ -28,13 +28,28 @@ def whole(path: str | Path) -> Iterator[Path]:
         with part.open("rb+") as file:
             os.fsync(file.fileno())  # before its name says that it is whole
         os.replace(part, final)
+        sync_folder(final.parent)
     except OSError as error:
+        if error.filename not in (None, str(part), str(final)):
+            raise  # of another file
         raise UnwritableError(
             f"cannot write {final}: {error.strerror or error}; what was there before is whole. "
             "Free some space, or choose another folder."
         ) from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def sync_folder(path: Path) -> None:
+    """Make renames in a folder last through a loss of power, where the system can."""
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except OSError:  # Windows opens no folders
+        return
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def folder(path: str | Path) -> Path:
