@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import warpdem as wd
+from warpdem.benchmark.work import hot
 from warpdem.write.record import describe_machine
 from warpdem.write.whole import write_json, write_text
 
@@ -103,16 +104,7 @@ def spinning_beam(bending: float) -> Case:
 
 def hot_block(n: int = 6, rms: float = 0.1) -> Case:
     """A cubic block at rest as a whole, each velocity and spin component normal with `rms`."""
-    ids = np.arange(n**3).reshape(n, n, n)
-    x = np.indices(ids.shape).reshape(3, -1).T.astype(float)
-    pairs = [
-        (ids.take(range(n - 1), axis).ravel(), ids.take(range(1, n), axis).ravel())
-        for axis in range(3)
-    ]
-    rng = np.random.default_rng(1)
-    v, w = rng.normal(0.0, rms, x.shape), rng.normal(0.0, rms, x.shape)
-    bonds = np.concatenate([np.stack(p, axis=1) for p in pairs])
-    return Case(x, bonds, v - v.mean(axis=0), w, (1.0, 0.4, 0.04, 0.05), 0.05, 100, 40_000, False)
+    return Case(*hot(n, rms), (1.0, 0.4, 0.04, 0.05), 0.05, 100, 40_000, False)
 
 
 # -- the two codes --------------------------------------------------------------------------------

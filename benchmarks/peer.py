@@ -24,12 +24,12 @@ from scipy.spatial import cKDTree
 
 import warpdem as wd
 from warpdem.benchmark import timing
-from warpdem.benchmark.timing import spread  # noqa: F401  scripts ask for it here
+from warpdem.benchmark.scenes import BLOCK
+from warpdem.benchmark.work import grid_bonds
 
 Array = NDArray[np.float64]
 RADIUS, DT = 0.5, 0.05
 COARSE = 0.1  # seconds of a loop from which on its share of the processor is known
-STIFFNESS = {"longitudinal": 1.0, "shear": 0.4, "bending": 0.05, "torsion": 0.04}
 # greatest force along and across a bond, torsion and bending moment
 STRENGTH = {"tension": 0.05, "shear": 0.02, "torsion": 0.004, "bending": 0.005}
 
@@ -47,13 +47,7 @@ class Bodies:
 
 def cubic(n: int) -> tuple[Array, NDArray[np.int64]]:
     """A cube of n^3 particles, each bonded to its neighbours along the axes."""
-    x = np.stack(np.meshgrid(*[np.arange(float(n))] * 3, indexing="ij"), -1).reshape(-1, 3)
-    ids = np.arange(n**3).reshape(n, n, n)
-    pairs = [
-        np.stack([np.take(ids, range(n - 1), a), np.take(ids, range(1, n), a)], -1).reshape(-1, 2)
-        for a in range(3)
-    ]
-    return x, np.concatenate(pairs)
+    return np.indices((n, n, n)).reshape(3, -1).T.astype(float), grid_bonds((n, n, n))
 
 
 def face_centred(n: int) -> tuple[Array, NDArray[np.int64]]:
@@ -105,7 +99,7 @@ def simulate(
     body = scene.add(
         wd.packing.network(bodies.x, bodies.bonds, volume=1.0, radius=RADIUS),
         wd.Material(young=1.0, poisson=0.0, density=1.0),
-        bond=wd.EVMBond(**STIFFNESS),
+        bond=wd.EVMBond(**BLOCK),
         **more,
     )
     scene.set_velocity(body, bodies.v)
@@ -212,7 +206,7 @@ class Lammps:
             names = ("longitudinal", "shear", "torsion", "bending")
             physics = (BREAKING if breaks else ELASTIC).format(
                 data=data,
-                stiffness=" ".join(str(STIFFNESS[x]) for x in names),
+                stiffness=" ".join(str(BLOCK[x]) for x in names),
                 strength=" ".join(str(STRENGTH[x]) for x in ("tension", *names[1:])),
             )
             deck.write_text(

@@ -15,6 +15,7 @@ from typing import Any
 
 import peer
 
+from warpdem.benchmark.timing import spread
 from warpdem.write.whole import write_json
 
 HERE = Path(__file__).parent
@@ -59,13 +60,13 @@ def main() -> None:
                 for n in (1, int(name[-1]))
             )
             codes[name] = {
-                "element_steps_per_second": peer.spread(found),
-                "over_LAMMPS": peer.spread(over),
-                "over_LAMMPS_on_as_many": peer.spread(equal),
+                "element_steps_per_second": spread(found),
+                "over_LAMMPS": spread(over),
+                "over_LAMMPS_on_as_many": spread(equal),
             }
             r = codes[name]["over_LAMMPS_on_as_many"]
             print(
-                f"{case}, {name}: {peer.spread(found)['median'] / 1e6:.2f} million "
+                f"{case}, {name}: {spread(found)['median'] / 1e6:.2f} million "
                 f"element-steps/s, over LAMMPS on as many cores {r['median']:.2f} "
                 f"({r['least']:.2f} to {r['greatest']:.2f})"
             )

@@ -182,7 +182,7 @@ def peers(found: dict[str, Any]) -> list[str]:
 
 def spall(found: dict[str, Any]) -> list[str]:
     lines = [f"With breaking, contact and the search for neighbours, {found['elements']:,} "
-             "elements:", ""]  # fmt: skip
+             "elements.", "", machine(found["machine"]), ""]  # fmt: skip
     rows = [
         [name, f"{c['over_LAMMPS']['median']:.2f}", str(c["broken"]), str(c["fragments"])]
         for name, c in found["codes"].items()

@@ -20,6 +20,7 @@ from typing import Any
 
 import peer
 
+from warpdem.benchmark.timing import spread
 from warpdem.neighbours import Neighbours
 from warpdem.passes import Passes
 from warpdem.step import Step
@@ -120,13 +121,13 @@ def main() -> None:
     for name, found in rates.items():
         over = [a / b for a, b in zip(found, rates["LAMMPS"], strict=True)]
         record["codes"][name] = {
-            "element_steps_per_second": peer.spread(found),
-            "over_LAMMPS": peer.spread(over),
+            "element_steps_per_second": spread(found),
+            "over_LAMMPS": spread(over),
             **outcome[name],
         }
         r = record["codes"][name]["over_LAMMPS"]
         print(
-            f"{name}: {peer.spread(found)['median'] / 1e6:.2f} million element-steps/s, over LAMMPS"
+            f"{name}: {spread(found)['median'] / 1e6:.2f} million element-steps/s, over LAMMPS"
             f" {r['median']:.2f} ({r['least']:.2f} to {r['greatest']:.2f}), "
             f"{outcome[name]['broken']} bonds broken, {outcome[name]['fragments']} fragments"
         )

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 
 import warpdem as wd
 from warpdem.benchmark import work
+from warpdem.benchmark.short import SHORT
 from warpdem.benchmark.work import CASES, Point
 from warpdem.write.whole import whole, write_json
 
@@ -34,7 +35,6 @@ SPIN = """compute w all property/atom omegax omegay omegaz
 variable part atom 0.05*(c_w[1]^2+c_w[2]^2+c_w[3]^2)
 compute spin all reduce sum v_part"""
 LONG = 5.0  # seconds from which on a run is made twice; of four times that, once
-QUICK = ("elastica", "wave", "hot block", "beam frequency", "spinning bar")
 
 
 def measured(case: work.Case, knobs: dict[str, Any], quick: bool) -> Point:
@@ -207,7 +207,7 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, default=HERE.parent / "docs" / "work_precision.png")
     given = parser.parse_args()
     lammps = None if given.lammps is None else peer.Lammps(given.lammps)
-    chosen = given.cases.split(",") if given.cases else QUICK if given.quick else tuple(CASES)
+    chosen = given.cases.split(",") if given.cases else SHORT if given.quick else tuple(CASES)
     theirs = {} if lammps is None else lammps_lines(lammps, given.quick)
     record: dict[str, Any] = {"machine": peer.about(lammps), "cases": {}}
     for name in chosen:

@@ -7,6 +7,7 @@ let go. In the plane hexagonal cells; in space fcc, for EVM bonds a simple cubic
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,8 @@ STRAIN = 1e-3  # uniform, at the start
 NOISE = 1e-3  # of velocities
 STRENGTH = 1.0  # of bonds that may break: never reached
 YIELD = 5e-4  # reached at once
-EVM = EVMBond(longitudinal=1.0, shear=0.4, bending=0.05, torsion=0.04)
+BLOCK: dict[str, Any] = {"longitudinal": 1.0, "shear": 0.4, "bending": 0.05, "torsion": 0.04}
+EVM = EVMBond(**BLOCK)
 
 
 @dataclass(frozen=True)

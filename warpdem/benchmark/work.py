@@ -25,11 +25,11 @@ from ..simulation import Simulation
 from ..validation.beam import ELASTICA, clamped, straight
 from ..validation.mca import hoop_stress
 from ..validation.plastic import hill, widened
+from .scenes import BLOCK
 
 PRECISIONS = ("float64", "mixed", "float32")
 # of the rods that LAMMPS runs too: spacing, mass 1, inertia 0.1, EA, and EI at a spacing of 1
 ROD = {"longitudinal": 1000.0, "shear": 270.0, "bending": 22.5, "torsion": 18.0}
-BLOCK = {"longitudinal": 1.0, "shear": 0.4, "bending": 0.05, "torsion": 0.04}
 LOAD, DEFLECTION, SHORTENING = ELASTICA[2][:3]  # P L^2/EI = 2
 BAR = 4  # elements across the bar of the wave, each way
 PERIODS = 2.0  # of the wave that are run
@@ -105,18 +105,13 @@ def hot(n: int = 6, rms: float = 0.1) -> tuple[Array, Array, Array, Array]:
     return x, grid_bonds((n, n, n)), v - v.mean(axis=0), w
 
 
-def network(x: Array, bonds: Array, stiffness: dict[str, float]) -> tuple[Scene, Any]:
+def network(x: Array, bonds: Array, stiffness: dict[str, Any]) -> tuple[Scene, Any]:
     """A scene of particles of mass 1, radius 0.5 and these EVM bonds."""
     scene = Scene()
     body = scene.add(
         packing.network(x, bonds, volume=1.0, radius=0.5),
         Material(1.0, 0.0, 1.0),
-        bond=EVMBond(
-            longitudinal=stiffness["longitudinal"],
-            shear=stiffness["shear"],
-            bending=stiffness["bending"],
-            torsion=stiffness["torsion"],
-        ),
+        bond=EVMBond(**stiffness),
     )
     return scene, body
 
