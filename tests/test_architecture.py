@@ -34,9 +34,10 @@ ALLOWED = {
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},
     "patch": {"model", "passes"},
+    "arrays": {"errors", "model"},
     "step": {
-        *("errors", "friction", "kernels", "model", "neighbours", "passes", "patch", "relinking"),
-        "wall",
+        *("arrays", "errors", "friction", "kernels", "model", "neighbours", "passes", "patch"),
+        *("relinking", "wall"),
     },
     "stability": {"errors", "model", "step"},
     "guard": {"errors", "model", "step"},
@@ -46,6 +47,7 @@ ALLOWED = {
     "moduli": {"errors", "bond", "material", "packing"},
     "fields": {"errors"},
     "simulation": {
+        "arrays",
         *("errors", "bond", "fields", "model", "scene", "stability", "statics", "step", "trouble"),
         *("checkpoint", "cache", "guard", "passes", "relinking", "renewal", "wall"),
     },

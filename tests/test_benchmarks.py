@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import warpdem as wd
-from warpdem import step as step_module
+from warpdem import arrays
 from warpdem.benchmark.scenes import KINDS, build
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
@@ -126,6 +126,6 @@ def test_arrays_reach_the_device_when_a_pass_asks_for_them():
 
 
 def test_a_scene_too_large_for_a_device_is_refused(monkeypatch):
-    monkeypatch.setattr(step_module, "free_memory", lambda device: 1000)
+    monkeypatch.setattr(arrays, "free_memory", lambda device: 1000)
     with pytest.raises(wd.InputError, match=r"400 elements needs up to .* GB on 'cpu'"):
         wd.Simulation(build(KINDS[1], 2, 400))

@@ -1,8 +1,8 @@
 """All that a simulation is made of at an instant, to be written and to go on from.
 
-Nothing here knows the names of arrays or attributes: every array of the step, and whatever numbers,
-texts and arrays the step, the list of neighbours, the checks, the servos and the observers hold,
-are kept. A new one is kept without anyone remembering.
+But for what is compared with the scene, nothing here knows the names of arrays or attributes: every
+array of the step, and whatever numbers, texts and arrays the step, the list of neighbours, the
+checks, the servos and the observers hold, are kept. A new one is kept without anyone remembering.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class Checkpoint:
 
     path: ends in .npz; the checkpoint before it is kept as NAME.previous.npz. seconds: of wall
     time; if given, one is written no more often than that, and none at the end of a run. Handed to
-    a simulation like an observer; it comes after all of them, and changes no bit of the run.
+    a simulation like an observer; it comes after all of them (at the end of a run before they
+    finish, so that a run that goes on has them unfinished), and changes no bit of the run.
     """
 
     def __init__(self, path: str | Path, every: int = 1000, seconds: float | None = None) -> None:

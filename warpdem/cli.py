@@ -1,4 +1,4 @@
-"""The command line: `warpdem run NAME`, `resume DIR`, `sweep`, `validate`, `bench`, `info`."""
+"""The command line: `warpdem run NAME`, `resume`, `sweep`, `film`, `validate`, `bench`, `info`."""
 
 import json
 import os

@@ -12,6 +12,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from . import cache, fields
+from .arrays import PRECISIONS
 from .bond import EVMBond
 from .checkpoint import Checkpoint, hand_over, noted_signals, read, restore, save
 from .errors import (
@@ -41,7 +42,7 @@ from .stability import (
     link_states,
 )
 from .statics import Telling, equilibrate, natural_frequencies, relax
-from .step import PRECISIONS, Step, gathered
+from .step import Step, gathered
 from .trouble import TYPE as TROUBLE_TYPE
 from .trouble import Distortion, Slips, Troubles, slid
 from .wall import Wall

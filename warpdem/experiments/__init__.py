@@ -1,4 +1,4 @@
-"""Published experiments as functions, each also a command `warpdem run NAME`."""
+"""Experiments beside what is known, as functions, each also a command `warpdem run NAME`."""
 
 from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian

@@ -212,7 +212,8 @@ class IndentationResult(TrialResult):
             f"a thousandth of the bonds broke by {self.first_break_force / 1e6:.4g} MN/m, a "
             f"pressure of {self.first_break_pressure / 1e6:.4g} MPa, "
             f"{self.first_break_depth:.2f} half-widths deep; greatest force "
-            f"{self.greatest_force / 1e6:.4g} MN/m; {self.pieces_at_end} pieces",
+            f"{self.greatest_force / 1e6:.4g} MN/m; "
+            + ("in one piece" if self.pieces_at_end == 1 else f"{self.pieces_at_end} pieces"),
         ]
 
     @property
