@@ -197,6 +197,14 @@ def test_plates_too_thin_are_refused():
 BLOCK = {"width": 30e-3, "height": 15e-3, "spacing": 0.5e-3, "radius": 100e-3, "speed": 4.0}
 
 
+def test_a_tool_presses_before_anything_breaks():
+    result = indentation(Indentation(width=20e-3, height=10e-3, depth=2e-5))
+    # few elements touch at this size; the default has 1.05
+    assert result.half_width_over_hertz == pytest.approx(1.0, abs=0.1)
+    assert result.broken_bonds == 0 and abs(result.energy_error) < 1e-6
+    assert not any("nan" in line or "broke by" in line for line in result.told)
+
+
 @pytest.mark.slow
 def test_a_tool_presses_as_hertz_says_and_then_the_block_breaks(tmp_path):
     brittle = wd.DruckerPrager(compression=150e6, ratio=10.0)
@@ -224,6 +232,11 @@ def test_forces_of_elements_on_a_wall_are_its_force():
 # -- crushed grain --------------------------------------------------------------------------------
 
 GRAIN = {"diameter": 16e-3, "spacing": 1e-3}
+
+
+def test_a_small_grain_cracks():
+    result = crushed_grain(CrushedGrain(diameter=6e-3, closing=3e-5))
+    assert result.broken_bonds > 0 and abs(result.energy_error) < 1e-5
 
 
 @pytest.mark.slow
@@ -263,6 +276,12 @@ def test_a_dropped_body_meets_the_plane_and_falls_into_pieces(tmp_path):
     shares = result.kinetic_share + result.fracture_share + result.lost_share
     assert shares == pytest.approx(1.0, abs=0.02)  # the rest is strain, and gravity's work
     written(result, tmp_path)
+
+
+def test_a_small_drop_meets_the_plane():
+    result = drop(Drop(diameter=12e-3, time=5e-4))
+    assert result.impact_speed == pytest.approx(np.sqrt(2.0 * 9.81 * 2.0), rel=1e-9)
+    assert abs(result.energy_error) < 1e-4
 
 
 def test_a_drop_from_below_its_start_is_refused():

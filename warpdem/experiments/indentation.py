@@ -206,15 +206,20 @@ class IndentationResult(TrialResult):
     @property
     def told(self) -> list[str]:
         """The result in words."""
-        return [
+        pieces = "in one piece" if self.pieces_at_end == 1 else f"{self.pieces_at_end} pieces"
+        told = [
             f"elastic: half-width {self.half_width_over_hertz:.3f} of Hertz's, depth "
             f"{self.depth_over_hertz:.3f} of that of a half-space",
-            f"a thousandth of the bonds broke by {self.first_break_force / 1e6:.4g} MN/m, a "
-            f"pressure of {self.first_break_pressure / 1e6:.4g} MPa, "
-            f"{self.first_break_depth:.2f} half-widths deep; greatest force "
-            f"{self.greatest_force / 1e6:.4g} MN/m; "
-            + ("in one piece" if self.pieces_at_end == 1 else f"{self.pieces_at_end} pieces"),
+            f"greatest force {self.greatest_force / 1e6:.4g} MN/m; {pieces}",
         ]
+        if np.isfinite(self.first_break_depth):  # else nothing broke
+            told.insert(
+                1,
+                f"a thousandth of the bonds broke by {self.first_break_force / 1e6:.4g} MN/m, a "
+                f"pressure of {self.first_break_pressure / 1e6:.4g} MPa, "
+                f"{self.first_break_depth:.2f} half-widths deep",
+            )
+        return told
 
     @property
     def charts(self) -> list[Chart]:
