@@ -1,8 +1,9 @@
 """Runs killed at random moments: `python tests/kills.py FOLDER COUNT SECONDS`.
 
-Each run writes checkpoints, a log of broken bonds and USD frames into a folder of its own, and says
-through a pipe how many lines and frames it was told are on the disk. They are children of this one
-process, which has compiled and built all before, so that a kill falls into the run itself.
+Each run writes checkpoints, a log of broken bonds, and frames as USD, GSD and VTK into a folder of
+its own, and says through a pipe how many lines and frames it was told are on the disk. They are
+children of this one process, which has compiled and built all before, so that a kill falls into the
+run itself.
 """
 
 import json
@@ -17,24 +18,32 @@ from test_checkpoint import facets
 
 import warpdem as wd
 
+EVERY = 4  # steps from frame to frame
 
-def acknowledging(observer, pipe, key, count):
-    """The observer, which tells its count after each look."""
-    look = observer.observe
+
+def writers(folder):
+    """What a run writes, by the name under which it is told."""
+    return {
+        "log": wd.BreakLog(folder / "a.csv", every=1),
+        "usd": wd.UsdWriter(folder / "a.usd", every=EVERY),
+        "gsd": wd.GsdWriter(folder / "a.gsd", every=EVERY),
+        "vtk": wd.VtkWriter(folder / "a.vtp", every=EVERY),
+    }
+
+
+def acknowledging(observer, pipe, name):
+    """The observer, which tells after each look how many lines or frames it has written."""
+    look, frames = observer.observe, 0
 
     def observe(sim):
+        nonlocal frames
         look(sim)
-        os.write(pipe, f"{key} {count()}\n".encode())
+        frames += 1
+        number = observer.rows if name == "log" else frames
+        os.write(pipe, f"{name} {number}\n".encode())
 
     observer.observe = observe
     return observer
-
-
-def outputs(sim, folder, pipe):
-    """What a run writes."""
-    log, film = wd.BreakLog(folder / "a.csv", every=1), wd.UsdWriter(folder / "a.usd", every=4)
-    sim.observe(acknowledging(log, pipe, "rows", lambda: log.rows))
-    sim.observe(acknowledging(film, pipe, "frames", lambda: film._frame))
 
 
 def killed(sim, folder, seconds):
@@ -42,7 +51,8 @@ def killed(sim, folder, seconds):
     ours, theirs = os.pipe()
     child = os.fork()
     if child == 0:
-        outputs(sim, folder, theirs)
+        for name, writer in writers(folder).items():
+            sim.observe(acknowledging(writer, theirs, name))
         sim.save(folder / "a.npz")
         os.write(theirs, b"begun\n")
         sim.run(steps=10**7, checkpoint=folder / "a.npz", checkpoint_every=10)
@@ -58,14 +68,14 @@ def killed(sim, folder, seconds):
 def main(where, count, longest):
     """Kill runs; acknowledged.json in each folder has the last counts that were told."""
     rng, sim = np.random.default_rng(5), wd.Simulation(facets())
-    assert wd.UsdWriter  # imported once for all
+    writers(where)  # their libraries are imported once for all
     for turn in range(count):
         folder = where / str(turn)
         folder.mkdir()
-        told = {"rows": 0, "frames": 0}
+        told = dict.fromkeys(writers(folder), 0)
         for line in killed(sim, folder, longest * float(rng.uniform()) ** 2):
-            key, number = line.split()
-            told[key] = int(number)
+            name, number = line.split()
+            told[name] = int(number)
         (folder / "acknowledged.json").write_text(json.dumps(told))
 
 

@@ -9,11 +9,14 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+import gsd.hoomd
 import numpy as np
 import pytest
 import warp as wp
+from kills import EVERY, writers
 from pxr import Sdf, Usd, UsdGeom
 from test_checkpoint import bytes_of, facets, tools
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 import warpdem as wd
 from warpdem import archive, cache, checkpoint
@@ -34,10 +37,23 @@ def one_run(tmp_path_factory):
     """A run that nobody killed: its arrays, log and frames."""
     where = tmp_path_factory.mktemp("whole")
     sim = wd.Simulation(facets())
-    sim.observe(wd.BreakLog(where / "a.csv", every=1))
-    sim.observe(wd.UsdWriter(where / "a.usd", every=4))
+    for writer in writers(where).values():
+        sim.observe(writer)
     sim.run(steps=WHOLE)
-    return bytes_of(sim), (where / "a.csv").read_bytes(), text_of(where / "a.usd")
+    return bytes_of(sim), (where / "a.csv").read_bytes(), frames_of(where)
+
+
+def frames_of(where):
+    """All frames of a run: the USD scene, numbers of GSD, bytes of ParaView's files."""
+    with gsd.hoomd.open(where / "a.gsd", "r") as file:
+        steps = [int(f.configuration.step) for f in file]
+        places = np.array([f.particles.position for f in file]).tobytes()
+    vtk = [(where / f["name"]).read_bytes() for f in series_of(where)]
+    return text_of(where / "a.usd"), steps, places, vtk
+
+
+def series_of(where):
+    return json.loads((where / "a.vtp.series").read_text())["files"]
 
 
 def text_of(path):
@@ -52,40 +68,51 @@ def check(where, log):
         checkpoint.read(where / "a.previous.npz")
     if (where / "a.csv").exists():
         found = (where / "a.csv").read_bytes()
-        assert found.count(b"\n") - 1 >= told["rows"]
+        assert found.count(b"\n") - 1 >= told["log"]
         found = found[: found.rfind(b"\n") + 1]
         assert log.startswith(found) or found.startswith(log)
     else:
-        assert told["rows"] == 0
+        assert told["log"] == 0
     frames = sorted((where / "a.take").glob("frame.*"))
-    assert len(frames) >= told["frames"]
+    assert len(frames) >= told["usd"]
     for number, path in enumerate(frames):
         layer = Sdf.Layer.OpenAsAnonymous(str(path))
         assert layer.ListTimeSamplesForPath("/World/elements.points") == [number]
-    if told["frames"]:
+    if told["usd"]:
         stage = Usd.Stage.Open(str(where / "a.take" / "root.usda"))
-        assert told["frames"] - 1 <= stage.GetEndTimeCode() < len(frames)
+        assert told["usd"] - 1 <= stage.GetEndTimeCode() < len(frames)
         points = UsdGeom.Points(stage.GetPrimAtPath("/World/elements")).GetPointsAttr()
         assert len(points.Get(stage.GetEndTimeCode())) > 0
+    if told["gsd"]:
+        with gsd.hoomd.open(where / "a.gsd", "r") as file:
+            found = [int(f.configuration.step) for f in file]
+        assert len(found) >= told["gsd"] and found == [EVERY * n for n in range(len(found))]
+    if told["vtk"]:
+        assert len(series_of(where)) >= told["vtk"]
+        for frame in series_of(where):
+            reader = vtkXMLPolyDataReader()
+            reader.SetFileName(str(where / frame["name"]))
+            reader.Update()
+            assert reader.GetOutput().GetNumberOfPoints() > 0
     return steps, len(frames)
 
 
 def goes_on(where, one_run):
     """Resume a killed run, to the bits and files of the one that was not."""
     sim = wd.resume(where / "a.npz", facets())
-    sim.observe(wd.BreakLog(where / "a.csv", every=1))
-    sim.observe(wd.UsdWriter(where / "a.usd", every=4))
+    for writer in writers(where).values():
+        sim.observe(writer)
     sim.run(steps=WHOLE - sim.steps)
     arrays, log, frames = one_run
     assert bytes_of(sim) == arrays
     assert (where / "a.csv").read_bytes().startswith(log)
-    assert text_of(where / "a.usd") == frames
+    assert frames_of(where) == frames
     assert not (where / "a.take").exists()
 
 
 def killed_and_resumed(where, one_run, count, resumed):
     """Steps of all checkpoints, numbers of runs resumed and of frames that were opened."""
-    kills(where, count, 1.5)
+    kills(where, count, 4.0)
     kept, went_on, frames = [], 0, 0
     for turn in range(count):
         steps, opened = check(where / str(turn), one_run[1])

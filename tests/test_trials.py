@@ -118,6 +118,37 @@ def test_the_default_block():
     assert sliding_block().distance_error == pytest.approx(0.0, abs=1e-4)
 
 
+def test_a_trial_goes_on_from_its_checkpoint_to_the_same_files(tmp_path):
+    class EndedError(Exception):
+        pass
+
+    def run(where, ends):
+        class Ends:
+            every = 300
+
+            def observe(self, sim):
+                if ends and sim.steps:
+                    raise EndedError
+
+            def finish(self, sim):
+                pass
+
+        kept = wd.Checkpoint(where / "checkpoint.npz", 100)
+        options = {"checkpoint": kept, "observers": lambda sim, measured: [Ends()]}
+        return sliding_block(SlidingBlock(young=1e6, speed=0.05), out=where, **options)
+
+    one, two = tmp_path / "one", tmp_path / "two"
+    for where in (one, two):
+        where.mkdir()
+    whole = run(one, ends=False)
+    assert whole.steps > 400
+    with pytest.raises(EndedError):
+        run(two, ends=True)
+    assert run(two, ends=False).stopping_distance == whole.stopping_distance
+    for name in ("series.csv", "picture.png"):
+        assert (one / name).read_bytes() == (two / name).read_bytes()
+
+
 # -- spring sliders -------------------------------------------------------------------------------
 
 
