@@ -115,10 +115,17 @@ def friction(s: Laws, ages: bool) -> Laws:
                 return trial, still
             v0 = friction_numbers[at + 3]
             dc = friction_numbers[at + 4]
-            psi = law.strength(friction_numbers[at], friction_numbers[at + 2], v0, dc, age) / a
+            b = friction_numbers[at + 2]
+            slips = friction_numbers[at + 6]
+            half = wp.float64(0.5) * wp.float64(dt)
             give = -wp.float64(pull) / wp.float64(stiffness)
+            # the rate of the step is that of the state in its middle
+            psi = law.strength(friction_numbers[at], b, v0, dc, age) / a
             v, left = law.rate(give, wp.float64(size), a, v0, psi, wp.float64(dt))
-            aged = law.aged(age, v, dc, wp.float64(dt), friction_numbers[at + 6])
+            middle = law.aged(age, v, dc, half, slips)
+            psi = law.strength(friction_numbers[at], b, v0, dc, middle) / a
+            v, left = law.rate(give, wp.float64(size), a, v0, psi, wp.float64(dt))
+            aged = law.aged(middle, v, dc, half, slips)
             return real(left / wp.float64(size)) * trial, aged
     else:
 
