@@ -7,35 +7,48 @@ from numpy.typing import NDArray
 from .model import Model
 from .passes import Part
 
+LISTS = ("rows", "bonds", "elements", "near_bonds", "near_elements")
+LEAST = 256  # entries of a list that has grown
 
-class Patch:
+
+class Patch(dict[str, wp.array]):
     """The neighbourhood of bonds that break, soften or link at an instant.
 
-    Arrays among those of the step, as long as they can get: `patch_rows` and `patch_bonds`, those
-    bonds as rows of the listed ones and as bonds; `patch_elements`, theirs; `patch_near_bonds`, all
-    bonds whose forces change with them; `patch_near_elements`, the elements of these. A scene that
-    has a part of a list tells how much of it is filled.
+    Lists by name, as long as any has had to be: `rows` and `bonds`, those bonds as rows of the
+    listed ones and as bonds; `elements`, theirs; `near_bonds`, all bonds whose forces change with
+    them; `near_elements`, the elements of these. Beside them `linked_energy` of `bonds` and
+    `integrator_energy` of `near_elements`. A `Part` tells how much of a list is filled.
     """
 
-    def __init__(self, model: Model, arrays: dict[str, wp.array], device: str) -> None:
-        assert model.listed_bonds is not None and model.listed_elements is not None
-        self._model, self._arrays, self._device = model, arrays, device
-        f, listed = model.features, len(model.listed_bonds)
+    def __init__(self, model: Model, real: type, device: str) -> None:
+        super().__init__()
+        self._model, self._real, self._device = model, real, device
+        f = model.features
         # forces on an element's other bonds change as well where its volume has an energy
         self._spreads = f.has_volume or f.finite_strain
-        most = {"rows": listed, "bonds": listed, "elements": len(model.listed_elements)}
-        near, near_elements = self._near(model.listed_bonds, model.listed_elements)
-        most |= {"near_bonds": len(near), "near_elements": len(near_elements)}
-        for name, size in most.items():
-            arrays["patch_" + name] = wp.zeros(size, dtype=wp.int32, device=device)
-        # on a CPU, views of the same memory
-        names = most if wp.get_device(device).is_cpu else ()
-        self._views = {x: arrays["patch_" + x].numpy() for x in names}
         self.facets, self.evm, self.bonds, self.elements = Part(), Part(), Part(), Part()
         self.near_facets, self.near_evm, self.near_elements = Part(), Part(), Part()
+        if model.listed_bonds is not None:
+            self._grow(dict.fromkeys(LISTS, 1))
 
-    def fill(self, rows: NDArray[np.intp]) -> None:
-        """Of the bonds of these rows of the listed ones, in order."""
+    @property
+    def bytes(self) -> int:
+        """Device memory [B]."""
+        return sum(a.capacity for a in self.values())
+
+    def _grow(self, sizes: dict[str, int]) -> bool:
+        """Make room; whether any list is another array now, which passes are to be bound to."""
+        short = [name for name, size in sizes.items() if name not in self or self[name].size < size]
+        for name in short:
+            size = max(2 * sizes[name], LEAST)
+            self[name] = wp.zeros(size, dtype=wp.int32, device=self._device)
+            energy = {"bonds": "linked_energy", "near_elements": "integrator_energy"}.get(name)
+            if energy is not None:
+                self[energy] = wp.zeros(size, dtype=self._real, device=self._device)
+        return bool(short)
+
+    def fill(self, rows: NDArray[np.intp]) -> bool:
+        """Of the bonds of these rows of the listed ones, in order; whether arrays had to grow."""
         m = self._model
         assert m.listed_bonds is not None
         bonds = m.listed_bonds[rows]
@@ -43,6 +56,7 @@ class Patch:
         near, near_elements = self._near(bonds, elements)
         lists: dict[str, NDArray] = {"rows": rows, "bonds": bonds, "elements": elements}
         lists |= {"near_bonds": near, "near_elements": near_elements}
+        has_grown = self._grow({name: len(ids) for name, ids in lists.items()})
         for name, ids in lists.items():
             self._write(name, ids)
         for facets, evm, ids in (
@@ -53,6 +67,7 @@ class Patch:
             evm.count = len(ids) - facets.count
         self.bonds.count, self.elements.count = len(bonds), len(elements)
         self.near_elements.count = len(near_elements)
+        return has_grown
 
     def _ends(self, bonds: NDArray[np.int32]) -> NDArray[np.int32]:
         """Elements of bonds."""
@@ -67,8 +82,8 @@ class Patch:
         return near, self._ends(near)
 
     def _write(self, name: str, ids: NDArray) -> None:
-        if name in self._views:
-            self._views[name][: len(ids)] = ids
+        if self[name].device.is_cpu:
+            self[name].numpy()[: len(ids)] = ids
         elif len(ids):
             given = wp.array(ids.astype(np.int32), device=self._device)
-            wp.copy(self._arrays["patch_" + name], given, count=len(ids))
+            wp.copy(self[name], given, count=len(ids))

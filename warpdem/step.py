@@ -132,6 +132,7 @@ class Step:
         self._angles: wp.Launch | None = None
         self._stress_everywhere: wp.Launch | None = None
         self._relax: Passes | None = None
+        self._patch = Patch(model, self.real, device)
         self._views: dict[str, tuple[wp.array, NDArray]] = {}
         self._settle: Passes | None = None
         self._nothings: dict[type, wp.array] = {}
@@ -334,13 +335,18 @@ class Step:
         Only their neighbourhood is touched. Its finishing half kick is made with the old forces
         and, so that it can be made again later, unmade with the new ones.
         """
-        self._patch.fill(self._broken())
+        self._fill_patch(self._broken())
         before = self._near_integrator_energy()
         assert isinstance(self._log, Varying)
         self._log.launched.set_param_by_name("step", self.count)
         for launch in self._break:
             launch.launch()
         self.integrator_released += before - self._near_integrator_energy()
+
+    def _fill_patch(self, rows: NDArray[np.intp]) -> None:
+        """Lists of what changes with these rows of the listed bonds, for the passes over them."""
+        if self._patch.fill(rows):
+            self._bind_patch()
 
     def _broken(self) -> NDArray[np.intp]:
         """Rows of the listed bonds that broke or softened just now."""
@@ -355,7 +361,7 @@ class Step:
         """
         rows = np.flatnonzero(self.arrays["healing_state"].numpy() == LINKS)
         self._note_links(rows)
-        self._patch.fill(rows)
+        self._fill_patch(rows)
         before = self._near_integrator_energy()
         for launch in self._relink:
             launch.launch()
@@ -498,7 +504,7 @@ class Step:
     @property
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
-        return self.arrays.bytes
+        return self.arrays.bytes + self._patch.bytes
 
     @property
     def kernels(self) -> list[str]:
@@ -534,9 +540,10 @@ class Step:
             forces, flow = self._creep_passes()
         if self.model.criteria:
             fracture = self._fracture_passes()
-            self._bind_break()
         if self.model.healing:
-            fracture += self._bind_healing()
+            fracture += self._healing_passes()
+        if self.model.criteria or self.model.healing:
+            self._bind_patch()
         damping = self._damping_passes()
         box, boxed = self._box_passes()
         drift = self._move(0.0, half, drifts=True)
@@ -808,9 +815,7 @@ class Step:
     def _bind_break(self) -> None:
         """Passes of a step in which bonds broke, over the neighbourhood of these."""
         (s, _), m, f, half = self._space, self.model, self.model.features, 0.5 * self.dt
-        self._bind_patch()
         patch = self._patch
-        self.upload("patch_linked_energy", np.zeros(self.arrays["patch_bonds"].size))
         passes = [
             self._move(half, 0.0, near=True),
             *self._pair_energies(near=True),
@@ -829,14 +834,14 @@ class Step:
                 out, back = (retarded_release(s, f.slots, x, self._simd) for x in (False, True))
                 laws = [(out, {}), *laws, (back, {})]
             for law, numbers in laws:
-                numbers |= {"elements": m.elements, "listed": self.arrays["patch_elements"]}
+                numbers |= {"elements": m.elements, "listed": self._patch["elements"]}
                 passes.append(self._bind(law, patch.elements, **numbers))
         self._log = self._bind(
             log_breaks(s, f.has_volume, m.softens, self._simd),
             patch.bonds,
-            rows=self.arrays["patch_rows"],
+            rows=self._patch["rows"],
             listed=self.arrays["listed_bonds"],
-            linked_energy=self.arrays["patch_linked_energy"],
+            linked_energy=self._patch["linked_energy"],
             step=0,
         )
         passes += [self._log, *self._unlink(), *self._force_passes(near=True)]
@@ -848,36 +853,39 @@ class Step:
         self._break = [*passes, self._move(-half, 0.0, near=True)]
 
     def _bind_patch(self) -> None:
-        """Lists of what a break or a link touches, and the integrator's energy there."""
-        if "patch_rows" in self.arrays:
-            return
-        self._patch = Patch(self.model, self.arrays, self.device)
-        size = self.arrays["patch_near_elements"].size
-        self.upload("near_integrator_energy", np.zeros(size))
+        """Passes over what a break or a link touches."""
         self._near_integrator = self._integrator_energies(near=True)
+        if self.model.criteria:
+            self._bind_break()
+        if self.model.healing:
+            self._bind_relink()
 
-    def _bind_healing(self) -> list[Launched]:
-        """The test of each law of healing; aside, the passes of a step in which bonds linked."""
-        (s, k), m, f, half = self._space, self.model, self.model.features, 0.5 * self.dt
-        listed = self.arrays["listed_bonds"]
-        kind = f.faces, f.has_volume, m.faces_rub, bool(m.criteria)
-        tests = []
-        for group in m.healing:
+    def _healing_passes(self) -> list[Launched]:
+        """The test of each law of healing."""
+        (s, k), tests = self._space, []
+        for group in self.model.healing:
             law = group.law
             numbers = {"pressure": law.pressure, "time": law.time, "work": law.work, "dt": self.dt}
-            given: dict[str, Any] = {"listed": listed, "first": group.first}
-            tests.append(self._bind(heal_bonds(s, k, *kind), group.count, **numbers, **given))
-        self._bind_patch()
+            given: dict[str, Any] = {"listed": self.arrays["listed_bonds"], "first": group.first}
+            kernel = heal_bonds(s, k, *self._healing_kind)
+            tests.append(self._bind(kernel, group.count, **numbers, **given))
+        return tests
+
+    @property
+    def _healing_kind(self) -> tuple[Any, ...]:
+        m, f = self.model, self.model.features
+        return f.faces, f.has_volume, m.faces_rub, bool(m.criteria)
+
+    def _bind_relink(self) -> None:
+        """Passes of a step in which bonds linked, over the neighbourhood of these."""
+        (s, k), m, f, half = self._space, self.model, self.model.features, 0.5 * self.dt
+        law = link_bonds(s, k, *self._healing_kind, "break_damage" in self.arrays)
         relink = [
             self._move(half, 0.0, near=True),
-            self._bind(
-                link_bonds(s, k, *kind, "break_damage" in self.arrays),
-                m.facet_listed,
-                listed=listed,
-            ),
+            self._bind(law, m.facet_listed, listed=self.arrays["listed_bonds"]),
         ]
         if f.has_volume:
-            sizes: dict[str, Any] = {"listed": self.arrays["patch_elements"]}
+            sizes: dict[str, Any] = {"listed": self._patch["elements"]}
             sizes |= {"plane_strain": float(f.plane_strain), "elements": m.elements}
             relink.append(self._bind(join_faces(s, f.slots), self._patch.elements, **sizes))
         self._relink = [
@@ -885,7 +893,6 @@ class Step:
             *self._force_passes(near=True),
             self._move(-half, 0.0, near=True),
         ]
-        return tests
 
     def _drop_rest(self) -> list[Launched]:
         """Bonds that broke just now lose the rest state that a link made again had."""
@@ -893,7 +900,7 @@ class Step:
         if not m.healing:
             return []
         law = drop_rest(*self._space, f.has_volume)
-        return [self._bind(law, self._patch.facets, listed=self.arrays["patch_bonds"])]
+        return [self._bind(law, self._patch.facets, listed=self._patch["bonds"])]
 
     def _bind_energies(self) -> Passes:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -957,8 +964,8 @@ class Step:
         if near:
             bonds, elements = self._patch.bonds, self._patch.elements
             facets, evm = self._patch.near_facets, self._patch.near_evm
-            names = "patch_bonds", "patch_near_bonds", "patch_elements"
-            changed, listed, listed_elements = (self.arrays[x] for x in names)
+            names = "bonds", "near_bonds", "elements"
+            changed, listed, listed_elements = (self._patch[x] for x in names)
         passes = []
         if f.has_volume:
             if not has_dilations:
@@ -1045,7 +1052,7 @@ class Step:
             facet_unlink(s, f.has_volume, f.has_bending, softens, self._simd),
             evm_unlink(s, f.has_volume, f.has_evm_dashpots, softens, self._simd),
             near=True,
-            listed=self.arrays["patch_bonds"],
+            listed=self._patch["bonds"],
         )
 
     def _closing_energies(self, near: bool = False) -> list[Launched]:
@@ -1058,7 +1065,7 @@ class Step:
             ),
             evm_closing_energies(s, k, m.features.faces.has_slip, m.faces_rub, near, self._simd),
             near=near,
-            rows=self.arrays["patch_rows"] if near else None,
+            rows=self._patch["rows"] if near else None,
         )
 
     def _move(
@@ -1093,7 +1100,7 @@ class Step:
         }
         numbers |= {"first": 0, **(loads or {})}
         if near:
-            listed = self.arrays["patch_near_elements"]
+            listed = self._patch["near_elements"]
             return self._bind(law, self._patch.near_elements, listed=listed, **numbers)
         listed = None if elements is None else self.arrays[elements]
         count = m.elements if listed is None else listed.size
@@ -1119,8 +1126,8 @@ class Step:
         given: dict[str, Any] = {"listed": None}
         if near:
             facets, evm = self._patch.facets, self._patch.evm
-            given["linked_energy"] = self.arrays["patch_linked_energy"]
-            given["listed"] = self.arrays["patch_bonds"]
+            given["linked_energy"] = self._patch["linked_energy"]
+            given["listed"] = self._patch["bonds"]
         has_facets, has_evm = self._laws(near)
         passes = []
         if has_facets:
@@ -1148,13 +1155,13 @@ class Step:
         given: dict[str, Any] = {"dt": self.dt, "elements": m.elements, "listed": None}
         if not near:
             return self._bind(law, m.elements, **given)
-        given["listed"] = self.arrays["patch_near_elements"]
-        given["integrator_energy"] = self.arrays["near_integrator_energy"]
+        given["listed"] = self._patch["near_elements"]
+        given["integrator_energy"] = self._patch["integrator_energy"]
         return self._bind(law, self._patch.near_elements, **given)
 
     def _near_integrator_energy(self) -> float:
         self._near_integrator.launch()
-        energy = self.look("near_integrator_energy")
+        energy = self._patch["integrator_energy"].numpy()
         return float(energy[: self._patch.near_elements.count].sum(dtype=np.float64))
 
     def _raised(self, name: str) -> bool:
