@@ -122,6 +122,17 @@ def whole_number(name: str, value: object, least: int = 0, most: int = MOST) -> 
     return number
 
 
+def first_value(name: str, function: Callable[[float], Any]) -> Any:
+    """What a function of time that a user gives is at time 0."""
+    try:
+        return function(0.0)
+    except Exception as error:
+        raise InputError(
+            f"{name} fails at time 0 with {type(error).__name__}: {error}; give a function of time "
+            "in s."
+        ) from error
+
+
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     """Refuse a value that is not among the allowed ones."""
     choices = list(allowed)

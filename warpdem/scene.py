@@ -18,6 +18,7 @@ from .errors import (
     checked,
     finite,
     first_ids,
+    first_value,
     not_negative,
     one_of,
     positive,
@@ -380,8 +381,8 @@ class Scene:
             def at(time: float) -> Array:
                 return _strain(history(time), dim)
 
+            e = _strain(first_value("strain", history), dim)
             body.strain_history = at
-            e = at(0.0)
         x = body.packing.position
         low, high = x.min(axis=0), x.max(axis=0)
         centre = 0.5 * (low + high) if origin is None else finite("origin", origin, (x.shape[1],))
@@ -839,8 +840,7 @@ def _history(given: History | tuple[ArrayLike, ArrayLike] | None) -> History:
     if given is None:
         return _always
     if callable(given):
-        if not np.isfinite(float(given(0.0))):
-            raise InputError("the history is not finite at time 0.")
+        finite("history at time 0", first_value("history", given), ())
         return given
     try:
         times, values = given
@@ -855,7 +855,10 @@ def _history(given: History | tuple[ArrayLike, ArrayLike] | None) -> History:
 
 def _path(given: Path | tuple[ArrayLike, ArrayLike] | None, width: int) -> Path | None:
     """A function of time from what a user gives."""
-    if given is None or callable(given):
+    if given is None:
+        return None
+    if callable(given):
+        first_value("path", given)
         return given
     try:
         times, values = given
