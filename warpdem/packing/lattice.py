@@ -6,7 +6,7 @@ from math import prod, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, checked, one_of, whole_number
+from ..errors import InputError, checked, one_of, rounded, whole_number
 from .packing import SIDES, Mask, Packing, check_box
 
 
@@ -29,7 +29,8 @@ def hexagonal(
     one_of("rows", rows, ("x", "y"))
     along = int(rows == "y")
     pitch = sqrt(3.0) / 2.0 * spacing
-    columns, count = round(size[along] / spacing), round(size[1 - along] / pitch)
+    columns = rounded("the number of columns", size[along] / spacing)
+    count = rounded("the number of rows", size[1 - along] / pitch)
     _filled(columns, count)
     row, column = np.divmod(np.arange(count * columns), columns)
     place = [(column + 0.25 + 0.5 * (row % 2)) * spacing, (row + 0.5) * pitch]
@@ -181,7 +182,7 @@ def _second(neighbours: int, distance: float) -> float:
 
 def _sites(size: Sequence[float], pitch: float) -> NDArray[np.int64]:
     """Integer places of a grid that fills a box, (n, dim)."""
-    counts = [round(edge / pitch) for edge in size]
+    counts = [rounded("the number of elements", edge / pitch) for edge in size]
     _filled(*counts)
     return np.indices(counts).reshape(len(counts), -1).T
 

@@ -8,7 +8,17 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MOST, Array, InputError, checked, finite, first_ids, positive, whole_number
+from ..errors import (
+    MOST,
+    Array,
+    InputError,
+    checked,
+    finite,
+    first_ids,
+    positive,
+    rounded,
+    whole_number,
+)
 from ..section import Section, check_section
 from . import file
 from .packing import Mask, Packing
@@ -174,7 +184,8 @@ def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packin
     positive("spacing", spacing, ())
     positive("thickness", thickness, ())
     width, height = sqrt(3.0) * spacing, 3.0 * spacing
-    columns, rows = round(size[0] / width), round(size[1] / height)
+    columns = rounded("the number of columns", size[0] / width)
+    rows = rounded("the number of rows", size[1] / height)
     if columns < 1 or rows < 1:
         raise InputError("the box holds no ring; enlarge size or reduce spacing.")
     whole_number("the number of elements", 4 * rows * columns)

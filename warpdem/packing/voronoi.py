@@ -18,6 +18,7 @@ from ..errors import (
     finite,
     first_ids,
     positive,
+    rounded,
     whole_number,
 )
 from .body import Body, Periodic, body_of
@@ -67,7 +68,8 @@ def voronoi(
     h = local(_points(rough, SAMPLES, rng))
     body = body_of(shape, float(h.min()) / FINE[rough.dim], periodic)
     cell = 0.5 * sqrt(3.0) * h**2 if body.dim == 2 else h**3 / sqrt(2.0)
-    count = round(body.volume * float((1.0 / cell).mean()))
+    with np.errstate(divide="ignore", over="ignore"):
+        count = rounded("the number of elements", body.volume * float((1.0 / cell).mean()))
     _enough(count, body.dim)
     x = _points(body, count, rng, local, float(h.min()), even=relaxations > 0)
     grade = local if callable(spacing) else None
