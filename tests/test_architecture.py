@@ -20,7 +20,8 @@ ALLOWED = {
     "plasticity": {"errors"},
     "relinking": {"errors"},
     "viscoelasticity": {"errors"},
-    "packing": {"errors", "section"},
+    "room": {"errors"},
+    "packing": {"errors", "room", "section"},
     "scene": {
         *("errors", "material", "bond", "criteria", "packing", "plasticity", "toughness"),
         *("contact", "friction", "relinking", "viscoelasticity", "wall"),
@@ -34,7 +35,7 @@ ALLOWED = {
     "neighbours": {"errors", "kernels", "model"},
     "passes": {"errors", "kernels"},
     "patch": {"model", "passes"},
-    "arrays": {"errors", "model"},
+    "arrays": {"errors", "model", "room"},
     "step": {
         *("arrays", "errors", "friction", "kernels", "model", "neighbours", "passes", "patch"),
         *("relinking", "wall"),

@@ -1,6 +1,5 @@
 """Arrays of a step on a device: which there may be, in which precision, and in how much memory."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .model import PLACES
+from .room import host_memory
 
 # arrays that kernels name and only some scenes have
 OPTIONAL = frozenset(
@@ -69,12 +69,7 @@ def free_memory(device: str) -> int | None:
     found = wp.get_device(device)
     if not found.is_cpu:
         return int(found.free_memory)
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-    except OSError:
-        return None
-    told = {name: value.split() for name, _, value in (x.partition(":") for x in lines)}
-    return 1024 * int(told["MemAvailable"][0]) if "MemAvailable" in told else None
+    return host_memory()
 
 
 class Arrays(dict[str, wp.array]):

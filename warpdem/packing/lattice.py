@@ -6,7 +6,8 @@ from math import prod, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, checked, one_of, rounded, whole_number
+from ..errors import InputError, checked, one_of, rounded
+from ..room import check_elements
 from .packing import SIDES, Mask, Packing, check_box
 
 
@@ -182,7 +183,7 @@ def _second(neighbours: int, distance: float) -> float:
 
 def _sites(size: Sequence[float], pitch: float) -> NDArray[np.int64]:
     """Integer places of a grid that fills a box, (n, dim)."""
-    counts = [rounded("the number of elements", edge / pitch) for edge in size]
+    counts = [rounded("the number of layers", edge / pitch) for edge in size]
     _filled(*counts)
     return np.indices(counts).reshape(len(counts), -1).T
 
@@ -200,4 +201,4 @@ def _sides(sites: NDArray[np.int64], layers: int = 1) -> dict[str, Mask]:
 def _filled(*counts: int) -> None:
     if min(counts) < 1:
         raise InputError("the box holds no element; enlarge size or reduce spacing.")
-    whole_number("the number of elements", prod(counts))
+    check_elements(prod(counts))

@@ -19,6 +19,7 @@ from ..errors import (
     rounded,
     whole_number,
 )
+from ..room import check_elements
 from ..section import Section, check_section
 from . import file
 from .packing import Mask, Packing
@@ -85,7 +86,7 @@ def filament(
     length, as a sphere's; with rod_inertia (in space) also in torsion, about the rod's own axis,
     which costs a few times more in motion. Sides: "start" and "end" of an open rod.
     """
-    whole_number("bonds", bonds, 3 if closed else 1)
+    check_elements(whole_number("bonds", bonds, 3 if closed else 1))
     x = _even(curve, bonds, closed)
     n, dim = x.shape
     pairs = np.stack([np.arange(bonds), np.arange(1, bonds + 1) % n], axis=1)
@@ -125,7 +126,7 @@ def ring(
     """A closed circular rod about the origin, radius [m]; with a plane in the plane, else in space
     about z."""
     positive("radius", radius, ())
-    whole_number("bonds", bonds, 3)
+    check_elements(whole_number("bonds", bonds, 3))
     angle = 2.0 * pi * np.arange(bonds) / bonds
     x = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if plane is None:
@@ -188,7 +189,7 @@ def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packin
     rows = rounded("the number of rows", size[1] / height)
     if columns < 1 or rows < 1:
         raise InputError("the box holds no ring; enlarge size or reduce spacing.")
-    whole_number("the number of elements", 4 * rows * columns)
+    check_elements(4 * rows * columns)
     cell = np.array([[0.0, 0.0], [0.5, 0.5], [0.5, 1.5], [0.0, 2.0]]) * [width, spacing]
     row, column = np.divmod(np.arange(rows * columns), columns)
     corner = np.stack([column * width, row * height], axis=1)

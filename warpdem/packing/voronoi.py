@@ -18,9 +18,9 @@ from ..errors import (
     finite,
     first_ids,
     positive,
-    rounded,
     whole_number,
 )
+from ..room import check_elements
 from .body import Body, Periodic, body_of
 from .packing import Packing
 from .shapes import Box, Shape, place
@@ -69,7 +69,7 @@ def voronoi(
     body = body_of(shape, float(h.min()) / FINE[rough.dim], periodic)
     cell = 0.5 * sqrt(3.0) * h**2 if body.dim == 2 else h**3 / sqrt(2.0)
     with np.errstate(divide="ignore", over="ignore"):
-        count = rounded("the number of elements", body.volume * float((1.0 / cell).mean()))
+        count = check_elements(body.volume * float((1.0 / cell).mean()))
     _enough(count, body.dim)
     x = _points(body, count, rng, local, float(h.min()), even=relaxations > 0)
     grade = local if callable(spacing) else None
@@ -156,7 +156,7 @@ def _fine(shape: Shape, count: int, periodic: bool) -> Body:
 def _enough(count: int, dim: int) -> None:
     if count < dim + 2:
         raise InputError("the shape holds too few elements; enlarge it or reduce spacing.")
-    whole_number("the number of elements", count)
+    check_elements(count)
 
 
 def _local(spacing: Spacing) -> Callable[[Array], Array]:
