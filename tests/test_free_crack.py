@@ -108,6 +108,35 @@ def test_kalthoff_writes_its_files(kalthoff):
     assert Usd.Stage.Open(str(out / "crack.usd")).GetEndTimeCode() > 20
 
 
+@pytest.mark.parametrize(("gamma", "fails_from"), [(0.5, "notch"), (0.9, "midspan")])
+def test_john_and_shah_on_a_coarse_beam(gamma, fails_from, tmp_path):
+    """On either side of the published gamma_t = 0.77 (theory C3 row 37), and what is written."""
+    p = wd.experiments.JohnShah(spacing=3.8e-3, gamma=gamma, duration=1.5e-3)
+    result = wd.experiments.john_shah(p, out=tmp_path)
+    assert sorted(f.name for f in tmp_path.iterdir()) == sorted(FILES)
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["fails_from"] == result.fails_from == fails_from
+    at = gamma if fails_from == "notch" else 0.0
+    # three elements, within which random cells turn the crack at once or are the weakest
+    assert record["fails_at_gamma"] == pytest.approx(at, abs=0.12)
+    assert 0.0 < record["failure_time"] < p.duration
+    assert np.isfinite(result.start_time) == (fails_from == "notch")
+    assert fails_from == "midspan" or 30.0 < record["angle_degrees"] < 90.0
+    assert abs(result.energy_error) < 1e-4
+
+
+def test_john_and_shah_before_it_fails():
+    p = wd.experiments.JohnShah(spacing=3.8e-3, duration=1e-4)
+    result = wd.experiments.john_shah(p)
+    assert result.fails_from == "nothing"
+    assert np.isnan([result.fails_at_gamma, result.failure_time, result.angle_degrees]).all()
+    assert result.told[-1] == "the beam did not fail; raise --duration"
+    with pytest.raises(wd.InputError, match="gamma is 1; a notch between midspan and the support"):
+        replace(p, gamma=1.0)
+    # a crack in another material has no published place
+    assert p.expected.lines and not replace(p, strength=5e6).expected.lines
+
+
 def test_branching_at_a_high_load():
     """Twice the stress over a stiffer plate's toughness: it branches early."""
     soda = wd.experiments.Branching.soda_lime(spacing=1e-3, seed=1)
