@@ -3,6 +3,7 @@
 import csv
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from pxr import Usd
 
 import warpdem as wd
 from warpdem.experiments.free_crack import FILES, crack_at
+from warpdem.experiments.john_shah import MIDSPAN, failure
 from warpdem.observe.growth import find_branches, path_angle
 
 
@@ -123,6 +125,26 @@ def test_john_and_shah_on_a_coarse_beam(gamma, fails_from, tmp_path):
     assert np.isfinite(result.start_time) == (fails_from == "notch")
     assert fails_from == "midspan" or 30.0 < record["angle_degrees"] < 90.0
     assert abs(result.energy_error) < 1e-4
+
+
+def test_a_beam_fails_from_the_first_crack_that_comes_through():
+    """The notch's starts first and stops at two thirds; midspan's passes it; breaks at the top."""
+    y = np.linspace(1e-3, 0.075, 150)
+    notch = np.stack([np.full(62, 0.05), y[38:100], y[38:100]], axis=1)  # x, y, time
+    midspan = np.stack([np.full(150, MIDSPAN), y, 0.03 + y], axis=1)
+    top = np.stack([np.linspace(0.15, 0.17, 40), np.full(40, 0.074), np.full(40, 0.01)], axis=1)
+    for breaks, place, time in (
+        ([notch, midspan, top], MIDSPAN, 0.03 + 0.75 * 0.0762),
+        ([notch, top], None, np.nan),
+    ):
+        rows = np.concatenate(breaks)
+        cracks = find_branches(rows[:, :2], rows[:, 2], 4e-3, 12e-3)
+        log = np.rec.fromarrays(rows.T, names="x,y,time")
+        crack = SimpleNamespace(log=log, branches=lambda found=cracks: found)
+        found = failure(crack_at(cracks, (0.05, 0.019), 6e-3), {}, crack)
+        assert found["fails_from"] == ("nothing" if place is None else "midspan")
+        assert found["failure_time"] == pytest.approx(time, abs=1e-3, nan_ok=True)
+        assert found["angle_degrees"] == pytest.approx(90.0)
 
 
 def test_john_and_shah_before_it_fails():

@@ -28,8 +28,9 @@ class JohnShah(FreeCrack):
     """What is simulated. SI units.
 
     A concrete beam 228.6 mm long and 76.2 mm deep on supports 203.2 mm apart, in plane stress,
-    with a notch of 19 mm at gamma times half the span from midspan. The top moves down at midspan
-    at a velocity that grows linearly, and then stays. A bond's stress falls linearly once its
+    with a notch of 19 mm at gamma times half the span from midspan. A support is an element that is
+    held in height; those on top within a spacing of midspan move down at a velocity that grows
+    linearly, and then stays. A bond's stress falls linearly once its
     greatest principal stress exceeds the tensile strength, and it takes the fracture energy. The
     notch does not close. Material and load are those that Belytschko, Organ and Gerlach (2000)
     took for the tests of John and Shah (1990).
@@ -88,7 +89,7 @@ class JohnShah(FreeCrack):
 
     @property
     def expected(self) -> Expected:
-        """Notches that do not fail the beam, as published for the defaults."""
+        """Where notches do not fail the beam, as published for the defaults."""
         notches = (((self.tip[0], 0.0), self.tip),)
         given = JohnShah(
             self.spacing, self.packing, self.rows, self.seed, duration=self.duration,
@@ -98,19 +99,18 @@ class JohnShah(FreeCrack):
             return Expected(notches)
         left, right = (MIDSPAN - 0.5 * g * SPAN for g in (1.0, TRANSITION))
         corners = np.array([[left, 0.0], [right, 0.0], [right, NOTCH], [left, NOTCH]])
-        words = f"published: from notches here (gamma > {TRANSITION}) it does not fail"
-        return Expected(notches, lines={words: corners})
+        return Expected(notches, lines={f"beyond the published gamma_t = {TRANSITION}": corners})
 
 
 @dataclass
 class JohnShahResult(FreeCrackResult):
     """What came out.
 
-    fails_from: "notch", "midspan", or "nothing" if no crack came through; fails_at_gamma: distance
-    from midspan over half the span of the foot of the crack that came through first, which is
-    gamma, about zero, or NaN; failure_time [s]: when that crack was a quarter of the depth from the
-    top; angle_degrees: of the crack at the notch to the beam, by a robust fit to the whole of its
-    path, NaN if there is none.
+    fails_from: "notch", "midspan" (any other crack) or "nothing", by the first crack that came
+    through, to a quarter of the depth from the top; fails_at_gamma: distance of its foot from
+    midspan over half the span, which is gamma, about zero, or NaN; failure_time [s]: when it came
+    through; angle_degrees: of the crack at the notch to the beam, by a robust fit to the whole of
+    its path, NaN if there is none.
     """
 
     fails_from: str
@@ -123,8 +123,9 @@ class JohnShahResult(FreeCrackResult):
         """The result in words."""
         if self.fails_from == "nothing":
             return [*super().told, "the beam did not fail; raise --duration"]
+        place = "its notch" if self.fails_from == "notch" else self.fails_from
         failure = (
-            f"the beam fails from {self.fails_from} (at gamma {self.fails_at_gamma:.3f}), at "
+            f"the beam fails from {place} (at gamma {self.fails_at_gamma:.3f}) after "
             f"{self.failure_time * 1e6:.4g} µs"
         )
         return [*super().told, failure]
@@ -135,10 +136,10 @@ def john_shah(parameters: JohnShah | None = None, **options: Unpack[Options]) ->
 
     options: `shared.Options`.
     """
-    return free_crack(parameters or JohnShah(), JohnShahResult, _failure, **options)
+    return free_crack(parameters or JohnShah(), JohnShahResult, failure, **options)
 
 
-def _failure(own: list[Branch], _: Any, crack: CrackTracker) -> dict[str, Any]:
+def failure(own: list[Branch], _: Any, crack: CrackTracker) -> dict[str, Any]:
     """The first crack that came through, and its foot."""
     log, through = crack.log, []
     found = crack.branches()
