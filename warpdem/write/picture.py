@@ -207,7 +207,7 @@ def draw_free_crack(
         title="Paths of the cracks",
     )
     if left.get_legend_handles_labels()[0]:
-        left.legend(loc="upper left", fontsize=9)
+        left.legend(fontsize=9)  # where it hides least
     for number in np.unique(speeds["branch"]):
         rows = np.sort(speeds[speeds["branch"] == number], order="time")
         x, y = rows["time"] * 1e6, rows["speed"] / reference_speed
