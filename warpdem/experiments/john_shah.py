@@ -30,10 +30,10 @@ class JohnShah(FreeCrack):
     A concrete beam 228.6 mm long and 76.2 mm deep on supports 203.2 mm apart, in plane stress,
     with a notch of 19 mm at gamma times half the span from midspan. A support is an element that is
     held in height; those on top within a spacing of midspan move down at a velocity that grows
-    linearly, and then stays. A bond's stress falls linearly once its
-    greatest principal stress exceeds the tensile strength, and it takes the fracture energy. The
-    notch does not close. Material and load are those that Belytschko, Organ and Gerlach (2000)
-    took for the tests of John and Shah (1990).
+    linearly, and then stays. A bond's stress falls linearly once its greatest principal stress
+    exceeds the tensile strength, and it takes the fracture energy. The notch does not close.
+    Material and load are after Belytschko, Organ and Gerlach (2000), of the tests of John and Shah
+    (1990).
     """
 
     spacing: Annotated[float, "Distance of elements, m."] = 1.5e-3
