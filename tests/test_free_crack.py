@@ -3,6 +3,7 @@
 import csv
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from pxr import Usd
 
 import warpdem as wd
 from warpdem.experiments.free_crack import FILES, crack_at
+from warpdem.experiments.john_shah import MIDSPAN, failure
 from warpdem.observe.growth import find_branches, path_angle
 
 
@@ -106,6 +108,55 @@ def test_kalthoff_writes_its_files(kalthoff):
         rows = list(csv.DictReader(file))
     assert {"branch", "time [s]", "distance [m]", "speed [m/s]"} == set(rows[0])
     assert Usd.Stage.Open(str(out / "crack.usd")).GetEndTimeCode() > 20
+
+
+@pytest.mark.parametrize(("gamma", "fails_from"), [(0.5, "notch"), (0.9, "midspan")])
+def test_john_and_shah_on_a_coarse_beam(gamma, fails_from, tmp_path):
+    """On either side of the published gamma_t = 0.77 (theory C3 row 37), and what is written."""
+    p = wd.experiments.JohnShah(spacing=3.8e-3, gamma=gamma, duration=1.5e-3)
+    result = wd.experiments.john_shah(p, out=tmp_path)
+    assert sorted(f.name for f in tmp_path.iterdir()) == sorted(FILES)
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["fails_from"] == result.fails_from == fails_from
+    at = gamma if fails_from == "notch" else 0.0
+    # three elements, within which random cells turn the crack at once or are the weakest
+    assert record["fails_at_gamma"] == pytest.approx(at, abs=0.12)
+    assert 0.0 < record["failure_time"] < p.duration
+    assert np.isfinite(result.start_time) == (fails_from == "notch")
+    assert fails_from == "midspan" or 30.0 < record["angle_degrees"] < 90.0
+    assert abs(result.energy_error) < 1e-4
+
+
+def test_a_beam_fails_from_the_first_crack_that_comes_through():
+    """The notch's starts first and stops at two thirds; midspan's passes it; breaks at the top."""
+    y = np.linspace(1e-3, 0.075, 150)
+    notch = np.stack([np.full(62, 0.05), y[38:100], y[38:100]], axis=1)  # x, y, time
+    midspan = np.stack([np.full(150, MIDSPAN), y, 0.03 + y], axis=1)
+    top = np.stack([np.linspace(0.15, 0.17, 40), np.full(40, 0.074), np.full(40, 0.01)], axis=1)
+    for breaks, place, time in (
+        ([notch, midspan, top], MIDSPAN, 0.03 + 0.75 * 0.0762),
+        ([notch, top], None, np.nan),
+    ):
+        rows = np.concatenate(breaks)
+        cracks = find_branches(rows[:, :2], rows[:, 2], 4e-3, 12e-3)
+        log = np.rec.fromarrays(rows.T, names="x,y,time")
+        crack = SimpleNamespace(log=log, branches=lambda found=cracks: found)
+        found = failure(crack_at(cracks, (0.05, 0.019), 6e-3), {}, crack)
+        assert found["fails_from"] == ("nothing" if place is None else "midspan")
+        assert found["failure_time"] == pytest.approx(time, abs=1e-3, nan_ok=True)
+        assert found["angle_degrees"] == pytest.approx(90.0)
+
+
+def test_john_and_shah_before_it_fails():
+    p = wd.experiments.JohnShah(spacing=3.8e-3, duration=1e-4)
+    result = wd.experiments.john_shah(p)
+    assert result.fails_from == "nothing"
+    assert np.isnan([result.fails_at_gamma, result.failure_time, result.angle_degrees]).all()
+    assert result.told[-1] == "the beam did not fail; raise --duration"
+    with pytest.raises(wd.InputError, match="gamma is 1; a notch between midspan and the support"):
+        replace(p, gamma=1.0)
+    # a crack in another material has no published place
+    assert p.expected.lines and not replace(p, strength=5e6).expected.lines
 
 
 def test_branching_at_a_high_load():

@@ -437,6 +437,7 @@ for _trial, _make in (
 
 for _kind, _run in (
     (experiments.Kalthoff, experiments.kalthoff),
+    (experiments.JohnShah, experiments.john_shah),
     (experiments.Branching, experiments.branching),
     (experiments.Heterogeneous, experiments.heterogeneous),
 ):

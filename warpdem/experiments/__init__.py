@@ -8,6 +8,7 @@ from .envelope import Envelope, strength_envelope
 from .heterogeneous import Heterogeneous, HeterogeneousResult, heterogeneous
 from .impact import Impact, ImpactResult, impact
 from .indentation import Indentation, IndentationResult, indentation
+from .john_shah import JohnShah, JohnShahResult, john_shah
 from .kalthoff import Kalthoff, KalthoffResult, kalthoff
 from .material_point import material_strength
 from .mode_i import ModeI, ModeIResult, mode_i
@@ -35,6 +36,8 @@ __all__ = [
     "ImpactResult",
     "Indentation",
     "IndentationResult",
+    "JohnShah",
+    "JohnShahResult",
     "Kalthoff",
     "KalthoffResult",
     "ModeI",
@@ -59,6 +62,7 @@ __all__ = [
     "heterogeneous",
     "impact",
     "indentation",
+    "john_shah",
     "kalthoff",
     "material_strength",
     "mode_i",

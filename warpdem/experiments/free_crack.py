@@ -107,7 +107,7 @@ class Expected:
 
 @dataclass
 class FreeCrackResult(Result):
-    """What came out of a crack that found its own way. Speeds are over Rayleigh's of plane strain.
+    """What came out of a crack that found its own way. Speeds are over Rayleigh's of its plane.
 
     start_time [s]: of the crack at the notch; crack_length [m]: of its longest branch;
     median_over_rayleigh, fastest_over_rayleigh: of windows of that branch, the latter the speed
@@ -135,12 +135,12 @@ class FreeCrackResult(Result):
         if not np.isfinite(self.start_time):
             return ["no crack started at the notch"]
         lines = [
-            f"crack at the notch: start {self.start_time * 1e6:.3g} µs, length "
+            f"crack at the notch: start {self.start_time * 1e6:.4g} µs, length "
             f"{self.crack_length * 1e3:.3g} mm, median speed {self.median_over_rayleigh:.3f} of "
             f"the Rayleigh speed {self.rayleigh_speed:.0f} m/s"
         ]
         if np.isfinite(self.branching_time):
-            lines.append(f"branching at {self.branching_time * 1e6:.3g} µs")
+            lines.append(f"branching at {self.branching_time * 1e6:.4g} µs")
         return lines
 
 
@@ -173,7 +173,7 @@ def free_crack(
     sim.run(until=p.duration)
 
     found = crack.branches()
-    rayleigh = p.material.rayleigh_speed("strain")
+    rayleigh = p.material.rayleigh_speed(p.plane)
     speeds = branch_speeds(found, WINDOW * p.spacing)
     own = crack_at(found, p.tip, NEAR * p.spacing)
     numbers = _numbers(found, own, speeds, rayleigh) | {"rayleigh_speed": rayleigh}

@@ -7,11 +7,13 @@ from statistics import mean
 from ..experiments import (
     Branching,
     Heterogeneous,
+    JohnShah,
     Kalthoff,
     ModeI,
     ModeII,
     branching,
     heterogeneous,
+    john_shah,
     kalthoff,
     mode_i,
     mode_ii,
@@ -118,6 +120,26 @@ def kalthoff_winkler() -> Iterator[Measurement]:
         yield _below(
             f"median speed over c_R, {what}", found.median_over_rayleigh, 0.6, "Borden 2012"
         )
+
+
+@case("crack", slow=True)
+def john_shah_transition() -> Iterator[Measurement]:
+    """John and Shah's beam on random cells: the notch beyond which it fails from midspan instead.
+
+    Its gamma_t is the middle of the last of four brackets, each half of the one before.
+    """
+    stands = 0
+    for seed in range(3):
+        below, above = 0.6, 0.9
+        for _ in range(4):
+            gamma = 0.5 * (below + above)
+            failed = john_shah(JohnShah(gamma=gamma, seed=seed)).fails_from
+            below, above = (gamma, above) if failed == "notch" else (below, gamma)
+            stands += failed == "nothing"
+        middle = 0.5 * (below + above)
+        error, source = abs(middle - 0.77), "John and Shah 1990"
+        yield Measurement(f"gamma_t, seed {seed}", 0.77, source, middle, error, 0.05)
+    yield _below("beams that did not fail", stands, 0.0, "all do in the tests")
 
 
 @case("crack", slow=True)

@@ -188,7 +188,7 @@ def draw_free_crack(
             image / 1e6, extent=[factor * e for e in extent], origin="lower", cmap="RdBu_r",
             vmin=-limit, vmax=limit, alpha=0.6, interpolation="nearest",
         )  # fmt: skip
-        words = f"greatest principal stress at {field.time * 1e6:.3g} µs [MPa]"
+        words = f"greatest principal stress at {field.time * 1e6:.4g} µs [MPa]"
         fig.colorbar(shown, ax=left, label=words, shrink=0.85)
     for words, line in expected["lines"].items():
         left.fill(*(factor * line.T), facecolor="0.5", edgecolor="0.3", alpha=0.35, label=words)
@@ -207,7 +207,7 @@ def draw_free_crack(
         title="Paths of the cracks",
     )
     if left.get_legend_handles_labels()[0]:
-        left.legend(loc="upper left", fontsize=9)
+        left.legend(fontsize=9)  # where it hides least
     for number in np.unique(speeds["branch"]):
         rows = np.sort(speeds[speeds["branch"] == number], order="time")
         x, y = rows["time"] * 1e6, rows["speed"] / reference_speed
