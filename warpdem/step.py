@@ -44,7 +44,7 @@ from .kernels.finite import (
     share_growth,
     true_stress,
 )
-from .kernels.fracture import break_beams, break_bonds, log_breaks
+from .kernels.fracture import break_beams, break_bonds, keep_nodes, log_breaks, part_interfaces
 from .kernels.friction import HOLDS
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
@@ -345,8 +345,12 @@ class Step:
     def _broken(self) -> NDArray[np.intp]:
         """Rows of the listed bonds that broke or softened just now."""
         listed = self.model.listed_bonds
-        kept = self.look("bond_keep" if self.model.softens else "bond_linked")[listed]
-        return np.flatnonzero((kept < 1.0) & (self.look("break_step")[listed] == -1))
+        kept = self.look("bond_keep" if self.model.softens else "bond_linked")
+        broken = (kept[listed] < 1.0) & (self.look("break_step")[listed] == -1)
+        if self.model.interface_halves is not None:  # part as the face between them
+            parts = kept[self.model.interface_bonds] < 1.0
+            broken[self._half_rows[parts]] |= broken[self._interface_rows[parts], None]
+        return np.flatnonzero(broken)
 
     def relink_bonds(self) -> None:
         """Link the bonds that were found to, at this instant, with the forces they have.
@@ -813,6 +817,7 @@ class Step:
         self.upload("patch_linked_energy", np.zeros(self.arrays["patch_bonds"].size))
         passes = [
             self._move(half, 0.0, near=True),
+            *self._interfaces(part_interfaces(s, m.softens, self._simd)),
             *self._pair_energies(near=True),
             *self._drop_rest(),
             *self._closing_energies(near=True),
@@ -839,7 +844,9 @@ class Step:
             linked_energy=self.arrays["patch_linked_energy"],
             step=0,
         )
-        passes += [self._log, *self._unlink(), *self._force_passes(near=True)]
+        passes += [self._log, *self._unlink()]
+        passes += self._interfaces(keep_nodes(*self._space, f.faces, self._simd))
+        passes += self._force_passes(near=True)
         # stresses after the break are what the next flow starts from
         if m.element_law is not None:
             passes += self._creep_changes
@@ -847,11 +854,18 @@ class Step:
             passes.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
         self._break = [*passes, self._move(-half, 0.0, near=True)]
 
+    def _interfaces(self, law: wp.Kernel) -> list[Launched]:
+        """A pass over the bonds that may break between unlike elements."""
+        return [self._bind(law, self.model.interfaces)] if self.model.interfaces else []
+
     def _bind_patch(self) -> None:
         """Lists of what a break or a link touches, and the integrator's energy there."""
         if "patch_rows" in self.arrays:
             return
         self._patch = Patch(self.model, self.arrays, self.device)
+        if self.model.interface_halves is not None and self.model.interface_bonds is not None:
+            self._interface_rows = self.model.rows_of(self.model.interface_bonds)
+            self._half_rows = self.model.rows_of(self.model.interface_halves)
         size = self.arrays["patch_near_elements"].size
         self.upload("near_integrator_energy", np.zeros(size))
         self._near_integrator = self._integrator_energies(near=True)
@@ -1027,15 +1041,15 @@ class Step:
         if m.listed_bonds is None:
             return []
         facets: int | Part = m.facet_listed
-        evm: int | Part = len(m.listed_bonds) - m.facet_listed
+        evm: int | Part = len(m.listed_bonds) - m.first_beam
         given = {"listed": self.arrays["listed_bonds"], "rows": None} | given
         if near:
             facets, evm = self._patch.facets, self._patch.evm
         passes = []
         if m.facet_listed:
             passes.append(self._bind(facet_law, facets, **given))
-        if len(m.listed_bonds) > m.facet_listed:
-            numbers: dict[str, Any] = {"first": m.facet_listed, "first_evm": m.facet_bonds}
+        if len(m.listed_bonds) > m.first_beam:
+            numbers: dict[str, Any] = {"first": m.first_beam, "first_evm": m.facet_bonds}
             passes.append(self._bind(evm_law, evm, **numbers, **given))
         return passes
 
@@ -1140,7 +1154,7 @@ class Step:
         m = self.model
         if not near or m.listed_bonds is None:
             return m.facet_bonds > 0, m.evm_bonds > 0
-        return m.facet_listed > 0, len(m.listed_bonds) > m.facet_listed
+        return m.facet_listed > 0, len(m.listed_bonds) > m.first_beam
 
     def _integrator_energies(self, near: bool = False) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features
