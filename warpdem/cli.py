@@ -439,6 +439,7 @@ for _kind, _run in (
     (experiments.Kalthoff, experiments.kalthoff),
     (experiments.Branching, experiments.branching),
     (experiments.Heterogeneous, experiments.heterogeneous),
+    (experiments.Bimaterial, experiments.bimaterial),
 ):
     experiment(
         _kind.name,

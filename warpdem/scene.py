@@ -217,7 +217,8 @@ class Scene:
         fracture: the criterion by which its bonds break, or a Toughness from which its strength
         follows, or one for each material; None: none ever breaks. A bond between two materials
         breaks by the weaker of both criteria.
-        pairs: other criteria of bonds between two materials, in either order.
+        pairs: other criteria of bonds between two materials, in either order, or between like ones
+        that are given twice.
         volume: whether the many-body volume term acts; by default where facet bonds need it
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
         facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
@@ -979,7 +980,7 @@ def _fractures(
         pair = frozenset((materials[a], materials[b]))
         here = (ends == (a, b)).all(axis=1)
         law: Fracture | None
-        if len(pair) > 1 and pair in between:
+        if a != b and pair in between:
             law = made(between[pair], materials[a], materials[b])
             is_made = isinstance(between[pair], Toughness)
         else:
@@ -1000,10 +1001,15 @@ def _checked_pairs(
     """Criteria between pairs of a body's materials, in either order."""
     laws: dict[frozenset[Material], Breaking] = {}
     for pair, law in (pairs or {}).items():
-        if not (isinstance(pair, tuple) and len(set(pair)) == 2 and set(pair) <= set(materials)):
+        left = list(materials)
+        try:
+            one, other = pair
+            left.remove(one)
+            left.remove(other)
+        except (TypeError, ValueError):
             raise InputError(
                 f"pairs has the key {pair!r}; give pairs of two of the body's materials, (a, b)."
-            )
+            ) from None
         if laws.setdefault(frozenset(pair), law) != law:
             raise InputError("pairs has two criteria for one pair of materials; give it once.")
     return laws
