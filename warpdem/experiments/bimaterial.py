@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import packing
 from ..criteria import MixedMode, Rankine
-from ..errors import Array, one_of, positive
+from ..errors import Array, InputError, one_of, positive
 from ..material import Material
 from ..observe import CrackTracker
 from ..observe.growth import Branch, window_speeds
@@ -24,12 +24,10 @@ from .shared import Options, guard
 
 PATHS = ("along", "across")
 SIZE = (0.04, 0.02)  # m
-NOTCH = 0.01  # m
 GRIP_LAYERS, GUARD_LAYERS = 2, 2
 STEEL = {"young": 208e9, "poisson": 0.3, "density": 7830.0}
 FAR = 8.0  # spacings that a crack has gone along or beyond an interface when its way is told
-SPEEDS = 12.0  # spacings of crack length in which the speed along an interface is fitted
-END = 0.035  # m: beyond it the end of the strip is felt
+END = SIZE[0] - 0.5 * SIZE[1]  # m: beyond it the free end of the strip is felt
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,7 @@ class Bimaterial(FreeCrack):
     other_density: Annotated[float | None, "Its density, kg/m^3."] = None
     fracture_energy: Annotated[float, "G_c of both materials, J/m^2."] = 270.0
     interface_toughness: Annotated[float, "G_c of the interface over theirs."] = 0.1
+    notch: Annotated[float, "Length of the notch, m."] = 0.01
     overload: Annotated[float, "Load over Griffith's."] = 1.15
     duration: Annotated[float, "Time simulated, s."] = 45e-6
 
@@ -68,8 +67,12 @@ class Bimaterial(FreeCrack):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("path", self.path, PATHS)
-        for name in ("interface_toughness", "overload"):
+        for name in ("interface_toughness", "overload", "notch"):
             positive(name, getattr(self, name), ())
+        if self.notch > 0.4 * SIZE[0]:
+            raise InputError(
+                f"the notch may be up to {0.4 * SIZE[0]:g} m long, in front of the middle."
+            )
 
     @property
     def is_along(self) -> bool:
@@ -87,7 +90,7 @@ class Bimaterial(FreeCrack):
     @property
     def tip(self) -> tuple[float, float]:
         """Tip of the notch [m]."""
-        return NOTCH, 0.5 * SIZE[1]
+        return self.notch, 0.5 * SIZE[1]
 
     def fill(self) -> Packing:
         """The strip's elements; random ones mirrored at the interface."""
@@ -133,14 +136,19 @@ class Bimaterial(FreeCrack):
 
     def build(self, plate: Packing) -> tuple[Scene, Body]:
         """The notched strip under its strain."""
-        plate = plate.slit((-NOTCH, self.tip[1]), self.tip)
+        plate = plate.slit((-self.notch, self.tip[1]), self.tip)
         grain = self.grain(plate.position)
         both = self.material, self.other
         scene = Scene()
         bulk = Toughness(Rankine(1.0), energy=self.fracture_energy)
-        body = scene.add(
-            plate, both, grain=grain, fracture=bulk, pairs={both: self.interface(plate)}
-        )
+        glue = self.interface(plate)
+        if self.is_along and self.stress > 0.9 * glue.tension:
+            raise InputError(
+                f"at an overload of {self.overload:g} the whole interface bears {self.stress:.3g} "
+                f"Pa of the {glue.tension:.3g} at which it breaks at this spacing; give less than "
+                f"{0.9 * self.overload * glue.tension / self.stress:.3g}, or a finer spacing."
+            )
+        body = scene.add(plate, both, grain=grain, fracture=bulk, pairs={both: glue})
         joins = grain[plate.bonds[:, 0]] != grain[plate.bonds[:, 1]]
         body.strength_factor[joins] = np.sqrt(plate.spacing / local_spacing(plate))[joins]
         if self.is_along:  # a crack would start at the free end of the interface as well
@@ -162,8 +170,11 @@ class Bimaterial(FreeCrack):
         if not self.is_along:
             line = np.array([[0.5 * SIZE[0], 0.0], [0.5 * SIZE[0], SIZE[1]]])
         notches = (((0.0, self.tip[1]), self.tip),)
+        both = self.material, self.other
         levels = {"Rayleigh waves of the first material": 1.0} if self.is_along else {}
-        return Expected(notches, {"interface": line}, levels)
+        sides = ("below", "above") if self.is_along else ("on the left", "on the right")
+        each = (f"{m.young / 1e9:.3g} GPa {x}" for m, x in zip(both, sides, strict=True))
+        return Expected(notches, {"interface: E " + ", ".join(each): line}, levels)
 
 
 @dataclass
@@ -171,17 +182,17 @@ class BimaterialResult(FreeCrackResult):
     """What came out. Speeds are over Rayleigh's of the first material.
 
     way: "along", "through", "deflected" or "stopped", by what the crack first does over 8 spacings
-    beyond or along the interface; speed_over_rayleigh, speed_spread: along the interface, mean and
-    max - min of the windows in the last half of its way; debonded_spacings,
+    beyond or along the interface; speed_over_rayleigh: along the interface, by all breaks of the
+    last half of its way; debonded_spacings,
     penetrated_spacings: how far the interface broke, and how far beyond it a crack went (across);
-    deflection: the former over the sum of both when the way is told; interface_energy, bulk_energy [J/m^2]: released by
-    broken bonds over the area of the interface they make, and elsewhere over the length of the
-    longest path before the interface; energy_ratio: of both.
+    deflection: the former over the sum of both when the way is told; interface_energy, bulk_energy
+    [J/m^2]: that broken bonds release as they break, without the waves this sends out, over the
+    area of the interface, and over the distance from the notch to it; energy_ratio: of both;
+    strip_energy [J/m^2]: stored ahead of the crack.
     """
 
     way: str
     speed_over_rayleigh: float
-    speed_spread: float
     debonded_spacings: float
     penetrated_spacings: float
     deflection: float
@@ -256,11 +267,10 @@ def bimaterial(
             )
             deflection = float(then[0] / max(then.sum(), 1e-9))
         first = min(times, key=lambda way: times[way])
-        speed, spread = _along(log, joins, p) if p.is_along else (nan, nan)
+        speed = _along(log, joins, p) if p.is_along else nan
         return found | {
             "way": first if np.isfinite(times[first]) else "stopped",
             "speed_over_rayleigh": speed / numbers["rayleigh_speed"],
-            "speed_spread": spread / numbers["rayleigh_speed"],
             "debonded_spacings": float(joins.sum() if p.is_along else gone[0]),
             "penetrated_spacings": float(gone[1]),
             "deflection": deflection,
@@ -277,17 +287,17 @@ def _height(log: NDArray[np.void], before: Mask) -> float:
     return float(log["y"][before][np.argmax(log["x"][before])]) if before.any() else nan
 
 
-def _along(log: NDArray[np.void], joins: Mask, p: Bimaterial) -> tuple[float, float]:
-    """Mean speed [m/s] and spread of windows in the last half of the way along the interface."""
-    x, t = log["x"][joins], log["time"][joins]
-    place, speed = window_speeds(x, t, SPEEDS * p.spacing, p.tip[0])
-    late = speed[place > 0.5 * (p.tip[0] + END)]
-    return (float(late.mean()), float(np.ptp(late))) if len(late) else (nan, nan)
+def _along(log: NDArray[np.void], joins: Mask, p: Bimaterial) -> float:
+    """Speed along the interface [m/s] by a robust fit to all breaks of the last half of its way."""
+    start = 0.5 * (p.tip[0] + END)
+    window = 0.95 * (END - start)  # the last bond lies before the end
+    _, speed = window_speeds(log["x"][joins], log["time"][joins], window, start)
+    return float(speed[0]) if len(speed) else nan
 
 
 def _nothing() -> dict[str, Any]:
     """Numbers of a crack that did not start."""
-    names = ("speed_over_rayleigh", "speed_spread", "deflection", "interface_energy")
+    names = ("speed_over_rayleigh", "deflection", "interface_energy")
     zero = dict.fromkeys(("debonded_spacings", "penetrated_spacings"), 0.0)
     nothing = dict.fromkeys((*names, "bulk_energy", "energy_ratio"), nan)
     return {"way": "stopped"} | zero | nothing
