@@ -189,28 +189,20 @@ def interface_crack_speeds() -> Iterator[Measurement]:
     for overload in (1.15, 1.5):
         speeds.append(bimaterial(Bimaterial(overload=overload)).speed_over_rayleigh)
         what = f"speed over PMMA's c_R, load {overload:g}"
-        yield _between(what, speeds[-1], 0.6, 1.0, "Yang, Suo and Shih 1991")
+        yield _between(what, speeds[-1], 0.6, 1.0, "Rosakis, Samudrala, Singh 1998")
     yield _below("speed at the lower load over that at the higher", speeds[0] / speeds[1], 1.0, "")
 
 
 @case("crack", slow=True)
 def deflection_at_an_interface() -> Iterator[Measurement]:
-    """A crack meets an interface between like halves at a right angle: what toughness deflects it.
-
-    At rest it is turned below about a quarter of that of the halves.
-    """
-    for seed in range(3):
-        below, above = 0.0, 1.0
-        for ratio in (0.15, 0.2, 0.25, 0.3, 0.35, 0.4):
-            run = bimaterial(
-                Bimaterial(path="across", interface_toughness=ratio, seed=seed, duration=32e-6)
-            )
-            turned = run.way == "deflected"
-            below, above = (max(below, ratio), above) if turned else (below, min(above, ratio))
-        middle = 0.5 * (below + above)
-        what = f"G_c of the interface over the halves' at the threshold, seed {seed}"
-        source = "He and Hutchinson 1989"
-        yield Measurement(what, 0.25, source, middle, abs(middle - 0.25), 0.1)
+    """A crack meets an interface between like halves at a right angle: at rest it is turned where
+    the interface has less than about a quarter of their toughness."""
+    for seed in range(2):
+        for ratio, expected in ((0.2, "deflected"), (0.5, "through")):
+            p = Bimaterial(path="across", interface_toughness=ratio, seed=seed, duration=32e-6)
+            missed = float(bimaterial(p).way != expected)
+            what = f"{expected} at a toughness of {ratio:g} of theirs, seed {seed}: misses"
+            yield _below(what, missed, 0.0, "He and Hutchinson 1989")
 
 
 @case("crack", slow=True)
