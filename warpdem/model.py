@@ -145,7 +145,7 @@ class Model:
     facet_bonds: int
     evm_bonds: int
     criteria: tuple[Group, ...]
-    facet_listed: int  # listed bonds that are facet bonds, stored first
+    facet_listed: int  # listed facet bonds, stored first; halves of interfaces follow them
     mass: Array  # (n,)
     inertia: Array  # (n,)
     inverse_mass: Array  # (n, dim), 0 on held axes
