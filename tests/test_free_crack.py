@@ -199,6 +199,28 @@ def test_inclusions_lie_apart_and_are_tougher():
     assert ratio.mean() == pytest.approx(1.0, abs=0.02)
 
 
+def test_cracks_at_an_interface():
+    """Along it below the first material's Rayleigh speed; across it by its toughness."""
+    given = wd.experiments.Bimaterial(spacing=1e-3, duration=4e-5)
+    along = wd.experiments.bimaterial(given)
+    assert along.way == "along" and 0.6 < along.speed_over_rayleigh < 1.0
+    assert abs(along.energy_error) < 1e-4
+    body = along.simulation.scene.bodies[0]
+    crossed = body.grain[along.crack.log["i"]] != body.grain[along.crack.log["j"]]
+    # mirrored cells have their faces in it
+    assert along.crack.log["y"][crossed] == pytest.approx(0.01, abs=1e-12)
+    ways = [
+        wd.experiments.bimaterial(replace(given, path="across", interface_toughness=ratio))
+        for ratio in (0.05, 1.0)
+    ]
+    assert ways[0].debonded_spacings > 5.0 and ways[0].penetrated_spacings == 0.0
+    assert ways[1].way == "through" and ways[1].deflection < 0.3
+    with pytest.raises(wd.InputError, match="path is 'up'"):
+        replace(given, path="up")
+    with pytest.raises(wd.InputError, match="the whole interface bears"):
+        wd.experiments.bimaterial(replace(given, overload=3.0))
+
+
 @pytest.mark.parametrize(
     ("given", "says"),
     [

@@ -221,17 +221,6 @@ def test_what_cannot_be_is_refused(act, says):
         act(scene, body, packing)
 
 
-def test_unlike_materials_that_may_break_are_refused():
-    packing = wd.packing.hexagonal((8, 8), 1.0)
-    grain = (packing.position[:, 1] > 4.0).astype(int)
-    scene, body = two_phase(packing, grain, 3.0, fracture=wd.Rankine(tension=1.0))
-    with pytest.raises(wd.InputError, match="unlike materials and may break"):
-        wd.Simulation(scene)
-    unlike = grain[packing.bonds].sum(axis=1) == 1
-    body.strength_factor[unlike] = np.inf
-    assert wd.Simulation(scene).model.nodes == unlike.sum()
-
-
 def test_facet_bending_cures_gears():
     packing = wd.packing.square((8, 8), 1.0)
     spin = np.where((np.floor(packing.position).sum(axis=1) % 2) == 0, 1.0, -1.0)[:, None]

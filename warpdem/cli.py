@@ -440,6 +440,7 @@ for _kind, _run in (
     (experiments.JohnShah, experiments.john_shah),
     (experiments.Branching, experiments.branching),
     (experiments.Heterogeneous, experiments.heterogeneous),
+    (experiments.Bimaterial, experiments.bimaterial),
 ):
     experiment(
         _kind.name,

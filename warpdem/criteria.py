@@ -395,6 +395,28 @@ def criterion_of(fracture: Fracture) -> Criterion:
     return fracture
 
 
+def weaker(one: Fracture | None, other: Fracture | None) -> Fracture | None:
+    """Of the criteria of two materials the one that a bond between them breaks by.
+
+    The one of lower strength in tension, and of lower fracture energy if both soften; None is
+    stronger than any. Raises InputError where neither is the weaker one.
+    """
+    if one is None or other is None or one == other:
+        return other if one is None else one
+    both = [x.criterion if isinstance(x, LinearSoftening) else x for x in (one, other)]
+    softens = [isinstance(x, LinearSoftening) for x in (one, other)]
+    if all(isinstance(x, Tensile) for x in both) and softens[0] == softens[1]:
+        energy = [getattr(x, "fracture_energy", 0.0) for x in (one, other)]
+        for law, k in ((one, 0), (other, 1)):
+            lower = both[k].tension <= both[1 - k].tension  # type: ignore[union-attr]
+            if lower and energy[k] <= energy[1 - k]:
+                return law
+    raise InputError(
+        f"of {one} and {other} neither is the weaker criterion; give that of bonds between the two "
+        "materials by pairs={(a, b): criterion}."
+    )
+
+
 def _inner(criterion: object, allowed: Any = Criterion) -> None:
     if not isinstance(criterion, allowed):
         raise InputError(f"criterion is {criterion!r}; give one such as Rankine or DruckerPrager.")

@@ -1,6 +1,6 @@
 """A scene as arrays: what is fixed (Model), what changes (State), what is needed (Features)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -145,7 +145,7 @@ class Model:
     facet_bonds: int
     evm_bonds: int
     criteria: tuple[Group, ...]
-    facet_listed: int  # listed bonds that are facet bonds, stored first
+    facet_listed: int  # listed facet bonds, stored first; halves of interfaces follow them
     mass: Array  # (n,)
     inertia: Array  # (n,)
     inverse_mass: Array  # (n, dim), 0 on held axes
@@ -191,6 +191,10 @@ class Model:
     listed_elements: Ids | None = None  # elements of the listed bonds
     bond_strength: Array | None = None  # of the listed bonds
     softening_end: Array | None = None  # of the listed bonds: ratio at which no stress is left
+    interface_bonds: Ids | None = None  # (p,) that may break between unlike elements
+    interface_halves: Ids | None = None  # (p, 2) bonds of the nodes that hold them together
+    interface_place: Ids | None = None  # (2 listed,) where these have their forces
+    point_stiffness: Array | None = None  # (p,) of the spring that keeps a node when they part
     healing: tuple[HealingGroup, ...] = ()
     healing_stiffness: Array | None = None  # of the listed facet bonds: k, linked again
     healing_weight: Array | None = None  # likewise w
@@ -206,8 +210,6 @@ class Model:
     retardation: Array | None = None  # (laws,) viscosity over shear modulus [s]
     element_spherical: Array | None = None  # 1 - D, or less on irregular elements
     retarded_elements: Ids | None = None  # elements of Kelvin and Voigt's law
-    # Between unlike elements a face is a node, an element without turning, with a bond to each: the
-    # bond's own and one stored after all other facet bonds.
     # elements that touch what no bond joins them to; the last slot of every element is for that
     contact: Contact | None = None
     walls: tuple[Wall, ...] = ()
@@ -236,8 +238,11 @@ class Model:
     friction_table: Array | None = None  # (kinds^2 + walls kinds,) Coulomb's, row after row
     wall_first_face: Ids | None = None  # (walls,) of a mesh among all
     face_place: Array | None = None  # (3 faces, 3) corners of all meshes, from their walls' places
+    # Between unlike elements a face is a node, an element without turning, with a bond to each. The
+    # second ones, then the first ones of faces that may part, are stored after all other facet
+    # bonds; of faces that never part the first is the packing's own.
     nodes: int = 0  # stored after all other elements
-    node_bonds: Ids | None = None  # (nodes,) the bonds of such faces
+    node_bonds: Ids | None = None  # (nodes,) their first bonds
 
     @property
     def rubs(self) -> bool:
@@ -308,21 +313,51 @@ class Model:
         return self.elements - self.nodes
 
     @property
+    def own_facets(self) -> int:
+        """Number of facet bonds that the scene's packings have."""
+        return self.facet_bonds - self.nodes - self.interfaces
+
+    @property
+    def interfaces(self) -> int:
+        """Number of bonds that may break between unlike elements."""
+        return 0 if self.interface_bonds is None else len(self.interface_bonds)
+
+    @property
     def own_bonds(self) -> NDArray[np.int64]:
-        """Bonds that the scene's packings have: all but the second ones of nodes."""
-        return np.delete(np.arange(self.bonds), self.second_bonds)
+        """Bonds that the scene's packings have: all but those stored for nodes."""
+        return np.delete(np.arange(self.bonds), slice(self.own_facets, self.facet_bonds))
 
     @property
     def second_bonds(self) -> slice:
         """The bonds on the far sides of nodes."""
-        return slice(self.facet_bonds - self.nodes, self.facet_bonds)
+        return slice(self.own_facets, self.own_facets + self.nodes)
+
+    @property
+    def first_beam(self) -> int:
+        """Row of the first EVM bond among the listed ones."""
+        return self.facet_listed + 2 * self.interfaces
+
+    def rows_of(self, bonds: NDArray) -> NDArray[np.int64]:
+        """Rows of listed bonds in the list."""
+        assert self.listed_bonds is not None
+        row = np.full(self.bonds, -1, dtype=np.int64)
+        row[self.listed_bonds] = np.arange(len(self.listed_bonds))
+        return row[bonds]
+
+    def with_halves(self, value: NDArray, fill: float) -> NDArray:
+        """Values of the packings' bonds (b, ...), and `fill` of those stored for nodes."""
+        return np.insert(value, [self.own_facets] * (self.facet_bonds - self.own_facets), fill, 0)
 
     @property
     def own_pairs(self) -> NDArray[np.int64]:
         """Elements that the packings' bonds join, (b, 2)."""
         j = self.bond_j.astype(np.int64)
-        if self.node_bonds is not None:
-            j[self.node_bonds] = self.bond_j[self.second_bonds]
+        if self.node_bonds is not None:  # of packings' own bonds that end at a node
+            j[self.node_bonds] = np.where(
+                self.node_bonds < self.own_facets,
+                self.bond_j[self.second_bonds],
+                j[self.node_bonds],
+            )
         return np.stack([self.bond_i, j], axis=1)[self.own_bonds].astype(np.int64)
 
     def arrays(self) -> dict[str, NDArray]:
@@ -375,10 +410,13 @@ def state_arrays(
         state["box_work"] = np.zeros(len(model.box_bonds))
     linked = np.zeros(b + 1)
     present = np.concatenate([x.linked for x in in_bond_order(bodies)])
-    present = np.insert(present, [model.facet_bonds - model.nodes] * model.nodes, True)
+    present = model.with_halves(present, True)
     linked[:b] = present if linked_bonds is None else linked_bonds
     if model.facet_stiffness is not None:
         state["facet_stiffness"] = model.facet_stiffness * linked[: model.facet_bonds]
+        if model.interface_halves is not None:  # a node stays with its first element
+            state["facet_stiffness"][model.interface_bonds] = 0.0
+            state["facet_stiffness"][model.interface_halves[:, 0]] = model.point_stiffness
     if model.facet_bending is not None:
         state["facet_bending"] = model.facet_bending * linked[: model.facet_bonds, None]
     if model.evm_dashpot is not None:
@@ -591,8 +629,16 @@ def _dilation_arrays(n: int) -> dict[str, NDArray]:
     return {name: np.zeros(n) for name in names}
 
 
-def with_nodes(model: Model, displacement: Array, orientation: Array) -> tuple[Array, Array]:
-    """Displacement and orientation of the packings' elements, and of nodes between them."""
+def with_nodes(
+    model: Model,
+    displacement: Array,
+    orientation: Array,
+    parted: NDArray[np.bool_] | None = None,
+) -> tuple[Array, Array]:
+    """Displacement and orientation of the packings' elements, and of nodes between them.
+
+    parted: (nodes,) those that stay with their first element.
+    """
     if model.node_bonds is None:
         return displacement, orientation
     points = []
@@ -607,14 +653,17 @@ def with_nodes(model: Model, displacement: Array, orientation: Array) -> tuple[A
         points.append(displacement[element] + turn)
     rest = np.zeros((model.nodes, orientation.shape[1]))
     rest[:, -1] = 1.0
-    nodes = _between(model, points)
+    nodes = _between(model, points, parted)
     return np.concatenate([displacement, nodes]), np.concatenate([orientation, rest])
 
 
 def with_moving_nodes(
-    model: Model, velocity: Array, angular_velocity: Array
+    model: Model,
+    velocity: Array,
+    angular_velocity: Array,
+    parted: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array]:
-    """Velocity and spin of the packings' elements, and of nodes between them."""
+    """Velocity and spin of the packings' elements, and of nodes between them, as `with_nodes`."""
     if model.node_bonds is None:
         return velocity, angular_velocity
     points = []
@@ -626,7 +675,7 @@ def with_moving_nodes(
             turn = np.cross(w, arm)
         points.append(velocity[element] + turn)
     still = np.zeros((model.nodes, angular_velocity.shape[1]))
-    nodes = _between(model, points)
+    nodes = _between(model, points, parted)
     return np.concatenate([velocity, nodes]), np.concatenate([angular_velocity, still])
 
 
@@ -639,12 +688,14 @@ def _node_sides(model: Model) -> list[tuple[Ids, Array]]:
     ]
 
 
-def _between(model: Model, points: list[Array]) -> Array:
-    """Mean of both sides' points, each weighted with its stiffness."""
+def _between(model: Model, points: list[Array], parted: NDArray[np.bool_] | None) -> Array:
+    """Mean of both sides' points, each weighted with its stiffness; the first where parted."""
     assert model.facet_stiffness is not None
     stiffness = model.facet_stiffness
     weight = stiffness[model.node_bonds], stiffness[model.second_bonds]
     share = (weight[0] / (weight[0] + weight[1]))[:, None]
+    if parted is not None:
+        share[parted] = 1.0
     return share * points[0] + (1.0 - share) * points[1]
 
 
@@ -780,10 +831,14 @@ def build(scene: Scene) -> Model:
     each = _elements(bodies, dim)
     faces = _Faces(stored, dim)
     viscous = _viscous_laws(bodies, each)
-    node_bonds = _unlike(stored, pairs[:facet_bonds], each)
-    if len(node_bonds):
-        pairs = _put_nodes(node_bonds, pairs, facet_bonds, each, faces)
-        facet_bonds += len(node_bonds)
+    unlike, parting = _unlike(stored, pairs[:facet_bonds], each)
+    node_bonds, parting_halves = np.zeros(0, dtype=np.int64), None
+    if len(unlike):
+        pairs, node_bonds = _put_nodes(unlike, parting, pairs, facet_bonds, each, faces)
+        if parting.any():
+            second = facet_bonds + np.flatnonzero(parting)
+            parting_halves = np.stack([node_bonds[parting], second], axis=1).astype(np.int32)
+        facet_bonds += len(unlike) + int(parting.sum())
     n, bonds = len(each["position"]), len(pairs)
     incidence = _incidence(pairs, n)
     if scene.contacts is not None:  # what touches has a slot of its own, of no bond
@@ -870,6 +925,9 @@ def build(scene: Scene) -> Model:
         nodes=len(node_bonds),
         node_bonds=node_bonds.astype(np.int32) if len(node_bonds) else None,
     )
+    if parting_halves is not None:
+        model.interface_bonds = unlike[parting].astype(np.int32)
+        model.interface_halves = parting_halves
     if has_jump:
         _add_box(model, stored)
     if timed:
@@ -896,8 +954,7 @@ def build(scene: Scene) -> Model:
         _add_volume(model, stored, each, faces)
     if features.finite_strain:
         linked = np.concatenate([b.linked for b in stored])
-        linked = np.insert(linked, [facet_bonds - len(node_bonds)] * len(node_bonds), True)
-        model.inverse_shape = _inverse_shape(model, linked)
+        model.inverse_shape = _inverse_shape(model, model.with_halves(linked, True))
     if laws:
         _add_yielding(model, bodies)
     if viscous:
@@ -998,11 +1055,12 @@ def with_faces(
 
 def _add_box(model: Model, stored: list[Body]) -> None:
     """Bonds through the sides of a periodic box, and how far the images beyond move."""
-    facets = sum(len(b.linked) for b in stored if not isinstance(b.bond, EVMBond))
-    at = [facets] * model.nodes
 
     def of_bonds(value: Callable[[Body], Array]) -> Array:
-        return np.insert(np.concatenate([value(b) for b in stored]), at, 0.0, axis=0)
+        whole = model.with_halves(np.concatenate([value(b) for b in stored]), 0.0)
+        if model.interface_halves is not None:
+            whole[model.interface_halves[:, 0]] = whole[model.interface_bonds]
+        return whole
 
     model.bond_jump = of_bonds(lambda b: b.shift @ b.mean_strain)
     moving = [b for b in stored if b.strain_history is not None]
@@ -1081,42 +1139,55 @@ class _Faces:
 
 def _unlike(
     stored: list[Body], pairs: NDArray[np.int64], each: dict[str, Array]
-) -> NDArray[np.int64]:
-    """Linked facet bonds between elements of unlike stiffness (theory B4)."""
-    linked = [b.linked for b in stored if not isinstance(b.bond, EVMBond)]
-    can_break = [b.breakable | b.heals for b in stored if not isinstance(b.bond, EVMBond)]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Linked facet bonds between elements of unlike stiffness (theory B4), and which may break."""
+    facets = [b for b in stored if not isinstance(b.bond, EVMBond)]
+    linked, breakable, heals = (
+        np.concatenate([*(getattr(b, x) for b in facets), np.zeros(0, dtype=bool)])
+        for x in ("linked", "breakable", "heals")
+    )
     differ = np.zeros(len(pairs), dtype=bool)
     for name in ("two_shear", "coupling", "viscous"):
         x = each[name][pairs]
         differ |= np.abs(x[:, 0] - x[:, 1]) > 1e-12 * np.abs(x).max(axis=1)
-    bad = differ & np.concatenate([*can_break, np.zeros(0, dtype=bool)])
-    differ &= np.concatenate([*linked, np.zeros(0, dtype=bool)])
-    if bad.any():
+    if (differ & heals).any():
         raise InputError(
-            f"bonds {first_ids(bad)} join unlike materials and may break or heal; give them an "
-            "infinite strength (scene.set_strength), or the whole body one material."
+            f"bonds {first_ids(differ & heals)} join unlike materials and would heal, which they "
+            "cannot: leave healing out, or give the whole body one material."
         )
-    return np.flatnonzero(differ)
+    parting = differ & linked & breakable
+    flows = any(law is not None for b in stored for law in (*b.yielding, *b.viscous))
+    if parting.any() and flows:
+        raise InputError(
+            f"bonds {first_ids(parting)} join unlike materials and may break; where bodies yield "
+            "or creep such bonds do not break: give them an infinite strength "
+            "(scene.set_strength), or leave yielding and viscous out of the scene."
+        )
+    nodes = np.flatnonzero(differ & linked)
+    return nodes, parting[nodes]
 
 
 def _put_nodes(
-    node_bonds: NDArray[np.int64],
+    unlike: NDArray[np.int64],
+    parting: NDArray[np.bool_],
     pairs: NDArray[np.int64],
     facet_bonds: int,
     each: dict[str, Array],
     faces: _Faces,
-) -> NDArray[np.int64]:
-    """Put a node on each of these faces; the new pairs.
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Put a node on each of these faces; the new pairs, and the first bond of each node.
 
     A node takes the share 1/(2 z) of the mass of an element of z bonds, so that it vibrates no
-    faster than elements do. It does not turn, and has no volume energy.
+    faster than elements do. It does not turn, and has no volume energy. Faces that may part keep
+    their own bond beside both of the node's: it has no stiffness until they have, and then is as
+    any bond that broke.
     """
-    n, m = len(each["position"]), len(node_bonds)
-    i, j = pairs[node_bonds].T
+    n, m = len(each["position"]), len(unlike)
+    i, j = pairs[unlike].T
     share = 0.5 / np.maximum(np.bincount(pairs.ravel(), minlength=n), 1)
-    given = (share * each["mass"])[pairs[node_bonds]]
-    position = each["position"][i] + faces.arm[node_bonds, 0]
-    mass = each["mass"] - np.bincount(pairs[node_bonds].ravel(), given.ravel(), minlength=n)
+    given = (share * each["mass"])[pairs[unlike]]
+    position = each["position"][i] + faces.arm[unlike, 0]
+    mass = each["mass"] - np.bincount(pairs[unlike].ravel(), given.ravel(), minlength=n)
     own = {
         "position": position,
         "mass": given.sum(axis=1),
@@ -1129,16 +1200,23 @@ def _put_nodes(
     for name, value in each.items():
         each[name] = np.concatenate([value, own.get(name, np.zeros((m, *value.shape[1:])))])
     node = np.arange(n, n + m)
-    pairs[node_bonds, 1] = node
-    second = np.stack([node, j], axis=1)
+    halves = np.concatenate([np.stack([node, j], 1), np.stack([i, node], 1)[parting]])
     # arms and distances of the halves: those of the element, and none of the node
-    arm, distance = faces.arm[node_bonds].copy(), faces.distance[node_bonds].copy()
-    faces.arm[node_bonds, 1] = 0.0
-    faces.distance[node_bonds, 1] = 0.0
-    arm[:, 0], distance[:, 0] = 0.0, 0.0
-    for name, value in (("area", faces.area[node_bonds]), ("arm", arm), ("distance", distance)):
-        setattr(faces, name, np.insert(getattr(faces, name), [facet_bonds] * m, value, axis=0))
-    return np.insert(pairs, [facet_bonds] * m, second, axis=0)
+    arm = faces.arm[np.append(unlike, unlike[parting])]
+    distance = faces.distance[np.append(unlike, unlike[parting])]
+    arm[:m, 0], distance[:m, 0] = 0.0, 0.0
+    arm[m:, 1], distance[m:, 1] = 0.0, 0.0
+    whole = unlike[~parting]
+    pairs[whole, 1] = node[~parting]
+    faces.arm[whole, 1] = 0.0
+    faces.distance[whole, 1] = 0.0
+    at = [facet_bonds] * len(halves)
+    area = faces.area[np.append(unlike, unlike[parting])]
+    for name, value in (("area", area), ("arm", arm), ("distance", distance)):
+        setattr(faces, name, np.insert(getattr(faces, name), at, value, axis=0))
+    first = unlike.copy()
+    first[parting] = facet_bonds + m + np.arange(parting.sum())
+    return np.insert(pairs, at, halves, axis=0), first
 
 
 def _incidence(pairs: NDArray[np.int64], n: int) -> Ids:
@@ -1215,6 +1293,8 @@ def _bending(model: Model, stored: list[Body], faces: _Faces) -> Array:
         bending[here, 0] = modulus * k * square
     if model.node_bonds is not None:
         bending[model.node_bonds] = 0.0
+    if model.interface_bonds is not None:
+        bending[model.interface_bonds] = 0.0
     return bending
 
 
@@ -1224,6 +1304,8 @@ def _add_laws(model: Model, stored: list[Body], two_shear: Array, faces: _Faces)
     if model.facet_bonds:
         modulus = _series(two_shear, pairs[facet], faces.distance[facet])
         model.facet_stiffness = modulus * faces.area[facet] / faces.length[facet]
+        if model.interface_halves is not None:
+            model.point_stiffness = model.facet_stiffness[model.interface_halves[:, 0]]
         if model.features.has_bending:
             model.facet_bending = _bending(model, stored, faces)
     direction, length, offset, stiffness, dashpot = [], [], [], [], []
@@ -1262,7 +1344,9 @@ def _add_volume(model: Model, stored: list[Body], each: dict[str, Array], faces:
     if any(b.packing.arms is None for b in stored):
         raise InputError("a scene with volume terms takes only bodies with faces.")
     acts = np.concatenate([np.full(len(b.packing.bonds), b.has_volume) for b in stored])
-    acts = np.insert(acts, [model.facet_bonds - model.nodes] * model.nodes, True)
+    acts = model.with_halves(acts, True)
+    if model.interface_bonds is not None:  # their halves act
+        acts[model.interface_bonds] = False
     model.bond_weight = np.where(acts, faces.area / faces.length, 0.0)
     face = np.zeros(2 * model.bonds + 2)
     face[:-2] = (np.where(acts, faces.area, 0.0)[:, None] * faces.distance).ravel()
@@ -1439,38 +1523,47 @@ def _add_lists(
     healing: list[HealingGroup] = []
     share: list[Array] = []
     for body, mask in zip(stored, unlinked, strict=True):
-        breakable = np.flatnonzero(body.breakable)
         cut = np.flatnonzero(mask & ~body.breakable)
-        if body.fracture is not None and len(breakable):
-            groups.append(_group(body.fracture, first, len(breakable)))
-            criterion = criterion_of(body.fracture)
-            strength.append(criterion.strength * body.strength_factor[breakable])
-        else:
-            strength.append(np.zeros(len(breakable)))
+        start = first
+        for law, ids, is_interface in _by_criterion(model, body, at):
+            groups.append(_group(law, first, len(ids), is_interface))
+            strength.append(criterion_of(law).strength * body.strength_factor[ids])
+            ends.append(np.ones(len(ids)))
+            if isinstance(law, LinearSoftening):
+                ends[-1] = _softening_end(body, law, ids, faces.distance[ids + at])
+            listed.append(ids + at)
+            first += len(ids)
         strength.append(np.full(len(cut), np.inf))
-        ends.append(np.ones(len(breakable) + len(cut)))
-        if isinstance(body.fracture, LinearSoftening) and len(breakable):
-            ends[-1][: len(breakable)] = _softening_end(body, body.fracture, breakable)
-        listed += [breakable + at, cut + at]
-        count = len(breakable) + len(cut)
+        ends.append(np.ones(len(cut)))
+        listed.append(cut + at)
+        first += len(cut)
+        count = first - start
         share.append(np.full(count, 1.0 if body.healing is None else body.healing.strength))
         if body.healing is not None and count:
-            healing.append(HealingGroup(body.healing, first, count))
-        ids = np.concatenate([breakable, cut])
+            healing.append(HealingGroup(body.healing, start, count))
+        ids = np.concatenate(listed)[start:]
         if isinstance(body.bond, EVMBond):
             assert model.evm_stiffness is not None
-            closing.append(model.evm_stiffness[ids + at - model.facet_bonds, 0])
+            closing.append(model.evm_stiffness[ids - model.facet_bonds, 0])
         else:
-            modulus = _series(pressure_modulus, pairs[ids + at], faces.distance[ids + at])
-            closing.append(modulus * (faces.area / faces.length)[ids + at])
-        first += len(breakable) + len(cut)
+            modulus = _series(pressure_modulus, pairs[ids], faces.distance[ids])
+            closing.append(modulus * (faces.area / faces.length)[ids])
         at += len(mask)
         if not isinstance(body.bond, EVMBond):
             model.facet_listed = first
             if body is facet_bodies[-1]:
-                at += model.nodes  # their second bonds, never listed
+                at += model.facet_bonds - model.own_facets  # bonds of nodes
+                if model.interface_halves is not None:  # which part as the faces do
+                    halves = np.sort(model.interface_halves.ravel()).astype(np.int64)
+                    listed.append(halves)
+                    for parts, value in ((strength, np.inf), (closing, 0.0), (ends, 1.0)):
+                        parts.append(np.full(len(halves), value))
+                    share.append(np.ones(len(halves)))
+                    first += len(halves)
     model.listed_bonds = np.concatenate(listed).astype(np.int32)
     model.closing_stiffness = np.concatenate(closing)
+    if model.interface_halves is not None:
+        _add_interfaces(model)
     touched = np.stack([model.bond_i, model.bond_j])[:, model.listed_bonds]
     model.listed_elements = np.unique(touched).astype(np.int32)
     if healing:
@@ -1605,10 +1698,10 @@ def _closing_shear(model: Model, each: dict[str, Array]) -> Array:
     facets = model.listed_bonds[: model.facet_listed]
     if model.facet_stiffness is not None:
         shear[: model.facet_listed] = model.facet_stiffness[facets]
-    beams = model.listed_bonds[model.facet_listed :]
+    beams = model.listed_bonds[model.first_beam :]
     both = np.stack([model.bond_i, model.bond_j])[:, beams]
     give = [(1.0 / each[x][both]).sum(axis=0) for x in ("pressure_modulus", "two_shear")]
-    shear[model.facet_listed :] *= give[0] / give[1]
+    shear[model.first_beam :] *= give[0] / give[1]
     return shear
 
 
@@ -1683,27 +1776,56 @@ def _add_walls(model: Model) -> None:
         model.wall_first_face, model.face_place = first, np.concatenate(corners)
 
 
-def _group(fracture: Fracture, first: int, count: int) -> Group:
-    """Bonds of one body and the device's form of what breaks them."""
+def _by_criterion(
+    model: Model, body: Body, at: int
+) -> Iterator[tuple[Fracture, NDArray[np.int64], bool]]:
+    """Bonds of a body that may break, criterion after criterion, those of unlike elements apart;
+    at: where the body's bonds are stored."""
+    is_interface = np.zeros(len(body.linked), dtype=bool)
+    if model.interface_bonds is not None:
+        here = model.interface_bonds - at
+        is_interface[here[(here >= 0) & (here < len(is_interface))]] = True
+    for row, law in enumerate(body.fractures):
+        for apart in (False, True):
+            mask = body.breakable & (body.fracture_law == row) & (is_interface == apart)
+            if mask.any():
+                yield law, np.flatnonzero(mask), apart
+
+
+def _add_interfaces(model: Model) -> None:
+    """Where the halves of the faces between unlike elements have their forces: of listed bonds."""
+    assert model.listed_bonds is not None and model.interface_bonds is not None
+    assert model.interface_halves is not None
+    place = np.zeros((len(model.listed_bonds), 2), dtype=np.int32)
+    place[model.rows_of(model.interface_bonds)] = model.bond_place[2 * model.interface_halves]
+    model.interface_place = place.ravel()
+
+
+def _group(fracture: Fracture, first: int, count: int, is_interface: bool) -> Group:
+    """Bonds of one criterion and the device's form of what breaks them."""
     criterion = criterion_of(fracture)
     function = criterion.function if isinstance(criterion, CustomCriterion) else None
     damage, rate = "", (0.0, 0.0)
     if isinstance(fracture, Incubation | DamageRate):
         damage, rate = fracture.damage, fracture.rate
-    test = Test(criterion.kind, function, damage, isinstance(fracture, LinearSoftening))
+    softens = isinstance(fracture, LinearSoftening)
+    test = Test(criterion.kind, function, damage, softens, is_interface)
     given = tuple(criterion.numbers)
     return Group(test, (*given, *[0.0] * (NUMBERS - len(given))), rate, first, count)
 
 
-def _softening_end(body: Body, fracture: LinearSoftening, ids: NDArray[np.int64]) -> Array:
+def _softening_end(
+    body: Body, fracture: LinearSoftening, ids: NDArray[np.int64], distance: Array
+) -> Array:
     """Ratio of the elastic stress to the strength at which softening bonds have no stress left.
 
     2 G_c/s_t over the opening s_t h/(lambda + 2G) at the strength s_t, h being the height of the
-    layer of bonds that a crack breaks: r0 times the mean cosine of their inclination.
+    layer of bonds that a crack breaks: r0 times the mean cosine of their inclination. distance: of
+    their faces from both centres, (b, 2).
     """
     p = body.packing
     strength = fracture.criterion.tension * body.strength_factor[ids]
-    modulus = body.pressure_modulus[p.bonds[ids]].min(axis=1)
+    modulus = _series(body.pressure_modulus, p.bonds[ids], distance)
     height = p.bond_length[ids] * p.flatness
     end = 2.0 * fracture.fracture_energy * modulus / (strength**2 * height)
     bad = np.zeros(len(body.linked), dtype=bool)

@@ -4,13 +4,21 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .bond import EVMBond
 from .contact import Contact
-from .criteria import BeamLimit, Fracture, LinearSoftening, PlasticStrainLimit, criterion_of
+from .criteria import (
+    BeamLimit,
+    Fracture,
+    LinearSoftening,
+    PlasticStrainLimit,
+    criterion_of,
+    weaker,
+)
 from .errors import (
     Array,
     InputError,
@@ -33,6 +41,7 @@ from .toughness import Toughness, local_spacing
 from .viscoelasticity import ViscousLaw
 from .wall import Cylinder, Mesh, Path, Plane, Shape, Steering, Wall
 
+Breaking = Fracture | Toughness | None  # by what bonds break
 LEAST_DASHPOT = 0.01  # restitution that dashpots of contacts give
 History = Callable[[float], float]  # factor at a time [s]
 StrainHistory = Callable[[float], ArrayLike]  # strain (dim, dim) at a time [s]
@@ -55,7 +64,8 @@ class Body:
     materials: tuple[Material, ...]
     grain: NDArray[np.int64]  # (n,) which of the materials an element is of
     bond: str | EVMBond
-    fracture: Fracture | None
+    fractures: tuple[Fracture, ...]  # criteria, each once
+    fracture_law: NDArray[np.int64]  # (b,) which of them a bond breaks by, or -1
     has_volume: bool
     facet_bending: bool
     yielding: tuple[YieldLaw | None, ...]  # of each material
@@ -101,6 +111,11 @@ class Body:
         self.held_rotation = np.zeros(n, dtype=bool)
 
     @property
+    def fracture(self) -> Fracture | None:
+        """The criterion of all bonds; None if there is none, or more than one."""
+        return self.fractures[0] if len(self.fractures) == 1 else None
+
+    @property
     def density(self) -> Array:
         """Density of every element [kg/m^3], (n,)."""
         return np.array([m.density for m in self.materials])[self.grain]
@@ -134,9 +149,8 @@ class Body:
     @property
     def breakable(self) -> Mask:
         """Bonds that may break, (b,)."""
-        if self.fracture is None:
-            return np.zeros(len(self.linked), dtype=bool)
-        return (self.linked | self.heals) & np.isfinite(self.strength_factor)
+        may = (self.fracture_law >= 0) & np.isfinite(self.strength_factor)
+        return may & (self.linked | self.heals)
 
     @property
     def heals(self) -> Mask:
@@ -185,7 +199,7 @@ class Scene:
         packing: Packing,
         material: Material | Sequence[Material],
         bond: str | EVMBond = "facet",
-        fracture: Fracture | Toughness | None = None,
+        fracture: Breaking | Sequence[Breaking] = None,
         volume: bool | None = None,
         grain: ArrayLike | None = None,
         facet_bending: bool = False,
@@ -194,6 +208,7 @@ class Scene:
         finite_strain: bool = False,
         renew_faces: float | None = None,
         healing: Healing | None = None,
+        pairs: Mapping[tuple[Material, Material], Breaking] | None = None,
     ) -> Body:
         """Add a body.
 
@@ -201,7 +216,10 @@ class Scene:
         unlike elements meet, a face has a displacement of its own (theory B4).
         bond: "facet" (the pair part of the second paper; needs a packing with faces) or an EVMBond.
         fracture: the criterion by which its bonds break, or a Toughness from which its strength
-        follows; None: none ever breaks.
+        follows, or one for each material; None: none ever breaks. A bond between two materials
+        breaks by the weaker of both criteria.
+        pairs: other criteria of bonds between two materials, in either order, or between like ones
+        that are given twice.
         volume: whether the many-body volume term acts; by default where facet bonds need it
         (Poisson's ratio other than 0). On EVM bonds with faces it gives the hybrid of both papers.
         facet_bending: faces also resist bending and twist (theory B9), which cures gear modes.
@@ -259,32 +277,28 @@ class Scene:
         if facet_bending and bond != "facet":
             raise InputError("facet_bending is of facet bonds; EVM bonds have their own bending.")
         laws = _yield_laws(packing, materials, bond, volume, yielding)
-        toughness = fracture if isinstance(fracture, Toughness) else None
-        if isinstance(fracture, Toughness):
-            if len(set(materials)) > 1 or bond != "facet":
-                raise InputError(
-                    "a Toughness is for facet bonds of one material; give a criterion its strength."
-                )
-            fracture = fracture.at(packing, materials[0])
         creep = _viscous_laws(materials, bond, volume, viscous)
         for other in self.bodies:
             _no_mixture((*laws, *other.yielding), (*creep, *other.viscous))
         _no_mixture(laws, creep)
-        _check_fracture(packing, bond, laws, creep, fracture)
+        fractures, which, is_tough = _fractures(packing, materials, grains, bond, fracture, pairs)
+        for criterion in fractures:
+            _check_fracture(packing, bond, laws, creep, criterion)
         has_volume |= any(law is not None for law in (*laws, *creep))
         if healing is not None:
-            _check_healing(bond, fracture, facet_bending, finite_strain, healing)
+            _check_healing(bond, fractures, facet_bending, finite_strain, healing)
         if finite_strain:
-            _check_finite(materials, bond, fracture, volume, laws, creep)
+            _check_finite(materials, bond, fractures, volume, laws, creep)
             has_volume = True
         if renew_faces is not None:
             _check_renewal(packing, finite_strain, laws, facet_bending, renew_faces)
         body = Body(
-            packing, materials, grains, bond, fracture, has_volume, facet_bending, laws, creep,
-            finite_strain, renew_faces, healing,
+            packing, materials, grains, bond, fractures, which, has_volume, facet_bending, laws,
+            creep, finite_strain, renew_faces, healing,
         )  # fmt: skip
-        if toughness is not None:
-            body.strength_factor *= np.sqrt(packing.spacing / local_spacing(packing))
+        if is_tough.any():
+            size = np.sqrt(packing.spacing / local_spacing(packing))
+            body.strength_factor[is_tough] *= size[is_tough]
         self.bodies.append(body)
         return body
 
@@ -328,7 +342,7 @@ class Scene:
         self._own(body)
         if not factor > 0.0:
             raise InputError(f"the strength factor is {factor}; it must be greater than zero.")
-        if body.fracture is None:
+        if not body.fractures:
             raise InputError("this body has no fracture criterion to scale; give one to scene.add.")
         if (start is None) != (end is None):
             raise InputError("give both start and end of the segment, or neither.")
@@ -348,7 +362,7 @@ class Scene:
         self._own(body)
         positive("modulus", modulus, ())
         one_of("by", by, ("bond", "element"))
-        if body.fracture is None:
+        if not body.fractures:
             raise InputError("this body has no fracture criterion to scatter; give one first.")
         rng = np.random.default_rng(whole_number("seed", seed))
         if by == "bond":
@@ -935,15 +949,82 @@ def _yield_laws(
     return laws
 
 
+def _fractures(
+    packing: Packing,
+    materials: tuple[Material, ...],
+    grain: NDArray[np.int64],
+    bond: str | EVMBond,
+    fracture: Breaking | Sequence[Breaking],
+    pairs: Mapping[tuple[Material, Material], Breaking] | None,
+) -> tuple[tuple[Fracture, ...], NDArray[np.int64], Mask]:
+    """Criteria, each once; which of them every bond breaks by, or -1; where a Toughness gave it."""
+    given: tuple[Any, ...] = (fracture,) * len(materials)
+    if isinstance(fracture, list | tuple):
+        given = tuple(fracture)
+    if len(given) != len(materials):
+        raise InputError(
+            f"fracture has {len(given)} criteria; give one, or one or None for each of the "
+            f"{len(materials)} materials."
+        )
+    between = _checked_pairs(materials, pairs)
+    tough = (*given, *between.values())
+    if bond != "facet" and any(isinstance(law, Toughness) for law in tough):
+        raise InputError("a Toughness is for facet bonds; give a criterion its strength.")
+
+    def made(law: Breaking, *of: Material) -> Fracture | None:
+        return law.at(packing, *of) if isinstance(law, Toughness) else law
+
+    own = [made(law, m) for law, m in zip(given, materials, strict=True)]
+    found: list[Fracture] = []
+    which = np.full(len(packing.bonds), -1)
+    is_tough = np.zeros(len(packing.bonds), dtype=bool)
+    ends = np.sort(grain[packing.bonds], axis=1)
+    for a, b in np.unique(ends, axis=0):
+        pair = frozenset((materials[a], materials[b]))
+        here = (ends == (a, b)).all(axis=1)
+        law: Fracture | None
+        if a != b and pair in between:
+            law = made(between[pair], materials[a], materials[b])
+            is_made = isinstance(between[pair], Toughness)
+        else:
+            law = weaker(own[a], own[b])
+            is_made = any(isinstance(given[x], Toughness) for x in (a, b))
+        if law is None:
+            continue
+        if law not in found:
+            found.append(law)
+        which[here] = found.index(law)
+        is_tough[here] = is_made
+    return tuple(found), which, is_tough
+
+
+def _checked_pairs(
+    materials: tuple[Material, ...], pairs: Mapping[tuple[Material, Material], Breaking] | None
+) -> dict[frozenset[Material], Breaking]:
+    """Criteria between pairs of a body's materials, in either order."""
+    laws: dict[frozenset[Material], Breaking] = {}
+    for pair, law in (pairs or {}).items():
+        left = list(materials)
+        try:
+            one, other = pair
+            left.remove(one)
+            left.remove(other)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"pairs has the key {pair!r}; give pairs of two of the body's materials, (a, b)."
+            ) from None
+        if laws.setdefault(frozenset(pair), law) != law:
+            raise InputError("pairs has two criteria for one pair of materials; give it once.")
+    return laws
+
+
 def _check_fracture(
     packing: Packing,
     bond: str | EVMBond,
     laws: tuple[YieldLaw | None, ...],
     creep: tuple[ViscousLaw | None, ...],
-    fracture: Fracture | None,
+    fracture: Fracture,
 ) -> None:
-    if fracture is None:
-        return
     if not isinstance(fracture, Fracture):
         raise InputError(
             f"fracture is {fracture!r}; give a criterion such as DruckerPrager, or one within "
@@ -1008,7 +1089,7 @@ def _no_mixture(laws: tuple[YieldLaw | None, ...], creep: tuple[ViscousLaw | Non
 
 def _check_healing(
     bond: str | EVMBond,
-    fracture: Fracture | None,
+    fractures: tuple[Fracture, ...],
     facet_bending: bool,
     finite_strain: bool,
     healing: Healing,
@@ -1020,7 +1101,7 @@ def _check_healing(
             "healing is for facet bonds without facet_bending: bonds that resist bending would "
             "have to be linked again with a turned rest state, which they do not have."
         )
-    if isinstance(fracture, LinearSoftening):
+    if any(isinstance(fracture, LinearSoftening) for fracture in fractures):
         raise InputError(
             "bonds that soften do not heal; take the criterion without LinearSoftening."
         )
@@ -1031,14 +1112,14 @@ def _check_healing(
 def _check_finite(
     materials: tuple[Material, ...],
     bond: str | EVMBond,
-    fracture: Fracture | None,
+    fractures: tuple[Fracture, ...],
     volume: bool | None,
     laws: tuple[YieldLaw | None, ...],
     creep: tuple[ViscousLaw | None, ...],
 ) -> None:
     if bond != "facet" or volume is False:
         raise InputError("finite_strain is of facet bonds with their volume term.")
-    if fracture is not None:
+    if fractures:
         raise InputError(
             "finite_strain is not for bonds that break: a deformation gradient needs its element's "
             "faces; leave fracture or finite_strain out."

@@ -578,8 +578,13 @@ class Simulation:
     @property
     def bond_force(self) -> Array:
         """Force of every bond on its first element [N], (b, dim)."""
-        first = self.model.bond_place[::2][self.model.own_bonds]
-        return self._step.download("end_force")[first].astype(np.float64)
+        m, place = self.model, self.model.bond_place[::2]
+        every = self._step.download("end_force")
+        force = every[place]
+        if m.interface_halves is not None:  # linked ones act by their halves
+            acts = self._step.download("bond_linked")[m.interface_bonds, None] > 0.0
+            force[m.interface_bonds] += acts * every[place[m.interface_halves[:, 0]]]
+        return force[m.own_bonds].astype(np.float64)
 
     @property
     def bond_energy(self) -> Array:
@@ -587,6 +592,8 @@ class Simulation:
         m, energy = self.model, self._step.bond_energy()
         if m.node_bonds is not None:
             energy[m.node_bonds] += energy[m.second_bonds]
+        if m.interface_halves is not None:
+            energy[m.interface_bonds] = energy[m.interface_halves[:, 0]]
         return energy[m.own_bonds]
 
     @property
@@ -698,10 +705,16 @@ class Simulation:
         if not m.criteria or m.listed_bonds is None:
             return np.zeros(0, dtype=kinds)
         step = self._step.download("break_step")[m.listed_bonds]
+        step[m.facet_listed : m.first_beam] = -1  # halves of bonds between unlike elements
         rows = np.flatnonzero(step >= 0)
         normal, shear, energy = (
-            self._step.download("break_" + x)[rows] for x in ("normal", "shear", "energy")
+            self._step.download("break_" + x) for x in ("normal", "shear", "energy")
         )
+        if m.interface_halves is not None and m.interface_bonds is not None:
+            # whose energy is that of the bonds themselves
+            halves = energy[m.rows_of(m.interface_halves)].sum(axis=1)
+            energy[m.rows_of(m.interface_bonds)] += halves
+        normal, shear, energy = normal[rows], shear[rows], energy[rows]
         columns: tuple[NDArray, ...] = (rows, step[rows], normal, shear, energy)
         if m.healing:  # breaks of bonds that were linked again come from their own log
             columns = (*columns[:4], energy - self._step.relinks.booked(rows))
@@ -842,7 +855,8 @@ class Simulation:
             (("velocity", "angular_velocity"), with_moving_nodes),
         ):
             if not given.keys().isdisjoint(names):
-                whole = completed(self.model, *(given.get(x, self._own(x)) for x in names))
+                place, turn = (given.get(x, self._own(x)) for x in names)
+                whole = completed(self.model, place, turn, self._parted)
                 for name, value in zip(names, whole, strict=True):
                     self._step.upload(name, value)
         self._start_anew()
@@ -925,6 +939,17 @@ class Simulation:
     def _own(self, name: str) -> Array:
         """A state array of the packings' elements, without nodes."""
         return self._step.download(name)[: self.model.own_elements].astype(np.float64)
+
+    @property
+    def _parted(self) -> NDArray[np.bool_] | None:
+        """Nodes whose faces have parted, which stay with their first element."""
+        m = self.model
+        if m.interface_halves is None:
+            return None
+        parted = np.zeros(m.nodes, dtype=bool)
+        unlinked = self._step.download("bond_linked")[m.interface_bonds] == 0.0
+        parted[m.bond_j[m.interface_halves[unlinked, 0]] - m.own_elements] = True
+        return parted
 
     def _start_anew(self) -> None:
         """Forces, books and checks of a state that was not reached by steps."""

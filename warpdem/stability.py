@@ -114,8 +114,8 @@ def bound_frequency(model: Model) -> float:
         bending = b2 / 4.0 + b3 + b4 / 2.0
         shear = b2 / _of(model.evm_length) ** 2
         if model.closing_shear is not None and model.listed_bonds is not None:
-            beams = model.listed_bonds[model.facet_listed :] - model.facet_bonds
-            shear[beams] = np.maximum(shear[beams], model.closing_shear[model.facet_listed :])
+            beams = model.listed_bonds[model.first_beam :] - model.facet_bonds
+            shear[beams] = np.maximum(shear[beams], model.closing_shear[model.first_beam :])
         blocks.add_beams(evm, b1, shear, bending, b4)
         if model.bond_weight is not None:
             blocks.add_springs(evm, _volume_springs(model)[evm])
@@ -201,6 +201,8 @@ def link_states(model: Model) -> list[NDArray[np.bool_]]:
         for share in (1.0, 0.5):
             linked = np.ones(model.bonds, dtype=bool)
             linked[model.listed_bonds] = rng.random(len(model.listed_bonds)) >= share
+            if model.interface_halves is not None:  # which part together
+                linked[model.interface_halves] = linked[model.interface_bonds, None]
             states.append(linked)
     return states
 

@@ -44,7 +44,7 @@ from .kernels.finite import (
     share_growth,
     true_stress,
 )
-from .kernels.fracture import break_beams, break_bonds, log_breaks
+from .kernels.fracture import break_beams, break_bonds, keep_nodes, log_breaks, part_interfaces
 from .kernels.friction import HOLDS
 from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
@@ -133,6 +133,9 @@ class Step:
         self._stress_everywhere: wp.Launch | None = None
         self._relax: Passes | None = None
         self._patch = Patch(model, self.real, device)
+        if model.interface_halves is not None and model.interface_bonds is not None:
+            self._interface_rows = model.rows_of(model.interface_bonds)
+            self._half_rows = model.rows_of(model.interface_halves)
         self._views: dict[str, tuple[wp.array, NDArray]] = {}
         self._settle: Passes | None = None
         self._nothings: dict[type, wp.array] = {}
@@ -351,8 +354,12 @@ class Step:
     def _broken(self) -> NDArray[np.intp]:
         """Rows of the listed bonds that broke or softened just now."""
         listed = self.model.listed_bonds
-        kept = self.look("bond_keep" if self.model.softens else "bond_linked")[listed]
-        return np.flatnonzero((kept < 1.0) & (self.look("break_step")[listed] == -1))
+        kept = self.look("bond_keep" if self.model.softens else "bond_linked")
+        broken = (kept[listed] < 1.0) & (self.look("break_step")[listed] == -1)
+        if self.model.interface_halves is not None:  # part as the face between them
+            parts = kept[self.model.interface_bonds] < 1.0
+            broken[self._half_rows[parts]] |= broken[self._interface_rows[parts], None]
+        return np.flatnonzero(broken)
 
     def relink_bonds(self) -> None:
         """Link the bonds that were found to, at this instant, with the forces they have.
@@ -818,6 +825,7 @@ class Step:
         patch = self._patch
         passes = [
             self._move(half, 0.0, near=True),
+            *self._interfaces(part_interfaces(s, m.softens, self._simd)),
             *self._pair_energies(near=True),
             *self._drop_rest(),
             *self._closing_energies(near=True),
@@ -844,13 +852,19 @@ class Step:
             linked_energy=self._patch["linked_energy"],
             step=0,
         )
-        passes += [self._log, *self._unlink(), *self._force_passes(near=True)]
+        passes += [self._log, *self._unlink()]
+        passes += self._interfaces(keep_nodes(*self._space, f.faces, self._simd))
+        passes += self._force_passes(near=True)
         # stresses after the break are what the next flow starts from
         if m.element_law is not None:
             passes += self._creep_changes
         elif f.has_dilation:
             passes.append(self._bind(dilation_books(s, self._simd), len(self._flowing)))
         self._break = [*passes, self._move(-half, 0.0, near=True)]
+
+    def _interfaces(self, law: wp.Kernel) -> list[Launched]:
+        """A pass over the bonds that may break between unlike elements."""
+        return [self._bind(law, self.model.interfaces)] if self.model.interfaces else []
 
     def _bind_patch(self) -> None:
         """Passes over what a break or a link touches."""
@@ -1034,15 +1048,15 @@ class Step:
         if m.listed_bonds is None:
             return []
         facets: int | Part = m.facet_listed
-        evm: int | Part = len(m.listed_bonds) - m.facet_listed
+        evm: int | Part = len(m.listed_bonds) - m.first_beam
         given = {"listed": self.arrays["listed_bonds"], "rows": None} | given
         if near:
             facets, evm = self._patch.facets, self._patch.evm
         passes = []
         if m.facet_listed:
             passes.append(self._bind(facet_law, facets, **given))
-        if len(m.listed_bonds) > m.facet_listed:
-            numbers: dict[str, Any] = {"first": m.facet_listed, "first_evm": m.facet_bonds}
+        if len(m.listed_bonds) > m.first_beam:
+            numbers: dict[str, Any] = {"first": m.first_beam, "first_evm": m.facet_bonds}
             passes.append(self._bind(evm_law, evm, **numbers, **given))
         return passes
 
@@ -1147,7 +1161,7 @@ class Step:
         m = self.model
         if not near or m.listed_bonds is None:
             return m.facet_bonds > 0, m.evm_bonds > 0
-        return m.facet_listed > 0, len(m.listed_bonds) > m.facet_listed
+        return m.facet_listed > 0, len(m.listed_bonds) > m.first_beam
 
     def _integrator_energies(self, near: bool = False) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features

@@ -49,18 +49,39 @@ class Toughness:
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), ())
 
-    def intensity(self, packing: Packing, material: Material) -> float:
-        """K_c [Pa m^0.5]; from G_c by K^2 = G_c E', in space that of plane strain."""
+    def intensity(self, packing: Packing, *materials: Material) -> float:
+        """K_c [Pa m^0.5]; from G_c by K^2 = G_c E', in space that of plane strain.
+
+        Between two materials 1/E' is the mean of both, and K^2 = G_c E'/(1 - beta^2) with Dundurs'
+        beta (Hutchinson and Suo 1992, eq. 2.29).
+        """
         if self.stress_intensity is not None:
             return self.stress_intensity
         assert self.energy is not None
-        return sqrt(self.energy * material.plane_modulus(packing.plane or "strain"))
+        plane = packing.plane or "strain"
+        modulus = 1.0 / np.mean([1.0 / m.plane_modulus(plane) for m in materials])
+        beta = dundurs(materials[0], materials[-1], plane)[1]
+        return sqrt(self.energy * float(modulus) / (1.0 - beta**2))
 
-    def at(self, packing: Packing, material: Material) -> Tensile:
-        """The criterion with the strength that a packing's spacing and a material give it."""
-        seen = tip_ratio(with_tension(self.criterion, 1.0), packing, material.poisson, self.mode)
-        strength = seen * self.intensity(packing, material) / sqrt(packing.spacing)
+    def at(self, packing: Packing, *materials: Material) -> Tensile:
+        """The criterion with the strength that a packing's spacing and a material, or both at an
+        interface, give it; there each counts half of what the pair sees in either alone."""
+        unit = with_tension(self.criterion, 1.0)
+        seen = np.mean([tip_ratio(unit, packing, m.poisson, self.mode) for m in materials])
+        strength = float(seen) * self.intensity(packing, *materials) / sqrt(packing.spacing)
         return with_tension(self.criterion, strength)
+
+
+def dundurs(one: Material, other: Material, plane: str = "strain") -> tuple[float, float]:
+    """Dundurs' alpha and beta of two materials, 0 for like ones (Hutchinson and Suo 1992, 2.7)."""
+    kappa = [
+        3.0 - 4.0 * m.poisson if plane == "strain" else (3.0 - m.poisson) / (1.0 + m.poisson)
+        for m in (one, other)
+    ]
+    upper = np.array([one.shear_modulus * (kappa[1] + s) for s in (1.0, -1.0)])
+    lower = np.array([other.shear_modulus * (kappa[0] + s) for s in (1.0, -1.0)])
+    alpha, beta = (upper - lower) / (upper[0] + lower[0])
+    return float(alpha), float(beta)
 
 
 def tip_ratio(criterion: Tensile, packing: Packing, poisson: float, mode: str = "I") -> float:

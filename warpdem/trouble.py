@@ -84,7 +84,7 @@ class Troubles:
             size = np.where(kind == "crushed", 1.0 - value[row], value[row])
             ids = bonds + m.facet_bonds
             self._rows += [
-                (b - m.nodes, m.bond_i[b], m.bond_j[b], step.count, kind, size[c])
+                (m.own_facets + c, m.bond_i[b], m.bond_j[b], step.count, kind, size[c])
                 for b, c in zip(ids, bonds, strict=True)
             ]
             message = self._sentence(kind, ids, size[bonds], step.count)
@@ -98,7 +98,7 @@ class Troubles:
         for b, x in list(zip(ids, size, strict=True))[:5]:
             i, j = self._ids[[m.bond_i[b], m.bond_j[b]]]
             how = f"to {x:.2g} of its length" if kind == "crushed" else f"by {degrees(x):.0f} deg"
-            shown.append(f"{b - m.nodes} (elements {i} and {j}) {how}")
+            shown.append(f"{b - m.facet_bonds + m.own_facets} (elements {i} and {j}) {how}")
         more = f" and {len(ids) - 5} more" if len(ids) > 5 else ""
         return (
             f"at step {step} these EVM bonds are {kind} beyond the range of their energy: "

@@ -1,5 +1,6 @@
 """Experiments beside what is known, as functions, each also a command `warpdem run NAME`."""
 
+from .bimaterial import Bimaterial, BimaterialResult, bimaterial
 from .branching import Branching, BranchingResult, branching
 from .brazilian import Brazilian, brazilian
 from .crushed_grain import CrushedGrain, CrushedGrainResult, crushed_grain
@@ -20,6 +21,8 @@ from .specimen import Compression, Confined, Specimen, Tension, compression, con
 from .spring_slider import SpringSlider, SpringSliderResult, spring_slider
 
 __all__ = [
+    "Bimaterial",
+    "BimaterialResult",
     "Branching",
     "BranchingResult",
     "Brazilian",
@@ -53,6 +56,7 @@ __all__ = [
     "SpringSlider",
     "SpringSliderResult",
     "Tension",
+    "bimaterial",
     "branching",
     "brazilian",
     "compression",

@@ -18,6 +18,7 @@ from ..observe import CrackTracker, Snapshot
 from ..observe.growth import Branch
 from ..packing import Packing
 from ..scene import Body, Scene
+from ..simulation import Simulation
 from ..write.log import UNITS
 from ..write.whole import write_csv
 from .shared import (
@@ -145,7 +146,7 @@ class FreeCrackResult(Result):
 
 
 R = TypeVar("R", bound="FreeCrackResult")
-Measure = Callable[[list[Branch], dict[str, Any], CrackTracker], dict[str, Any]]
+Measure = Callable[[list[Branch], dict[str, Any], CrackTracker, Simulation], dict[str, Any]]
 
 
 def free_crack(
@@ -157,8 +158,8 @@ def free_crack(
     """Run an experiment.
 
     kind: of its result; measure: its further numbers, from the branches of the crack at the notch,
-    the numbers of all and the tracker; options: `shared.Options`; FILES are written. Raises
-    InputError for parameters that cannot be run.
+    the numbers of all, the tracker and the simulation; options: `shared.Options`; FILES are
+    written. Raises InputError for parameters that cannot be run.
     """
     run = Conduct(**options)
     run.say("building the packing")
@@ -178,7 +179,7 @@ def free_crack(
     own = crack_at(found, p.tip, NEAR * p.spacing)
     numbers = _numbers(found, own, speeds, rayleigh) | {"rayleigh_speed": rayleigh}
     if measure is not None:
-        numbers |= measure(own, numbers, crack)
+        numbers |= measure(own, numbers, crack, sim)
     result = kind(
         **run_numbers(sim), **numbers, speeds=speeds, crack=crack,
         field=picture, branches=[_told(b, found, speeds, rayleigh) for b in found],

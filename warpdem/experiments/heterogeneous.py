@@ -14,6 +14,7 @@ from ..observe import CrackTracker
 from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
+from ..simulation import Simulation
 from ..toughness import Toughness
 from .free_crack import Expected, FreeCrack, FreeCrackResult, free_crack
 from .shared import Options, guard
@@ -147,7 +148,9 @@ def heterogeneous(
     """
     p = parameters or Heterogeneous()
 
-    def measure(own: list[Branch], numbers: dict[str, Any], crack: CrackTracker) -> dict[str, Any]:
+    def measure(
+        own: list[Branch], numbers: dict[str, Any], crack: CrackTracker, _: Simulation
+    ) -> dict[str, Any]:
         speed = crack.speed / numbers["rayleigh_speed"]
         if not own:
             return {"speed_over_rayleigh": speed, "roughness_spacings": nan, "tortuosity": nan}

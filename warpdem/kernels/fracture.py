@@ -104,6 +104,7 @@ class Test(NamedTuple):
     function: wp.Function | None = None  # a user's own equivalent stress
     damage: str = ""  # "incubation" or "power": what grows with time
     softens: bool = False
+    is_interface: bool = False  # of bonds between unlike elements, whose faces are nodes
 
     @property
     def needs_stress(self) -> bool:
@@ -251,6 +252,7 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
         bond_area: wp.array(dtype=real),
         bond_strength: wp.array(dtype=real),
         softening_end: wp.array(dtype=real),
+        interface_place: wp.array(dtype=int),
         # state read
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
@@ -285,7 +287,13 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
         j = nn(bond_j[b])
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         n = s.embed(s.unit(p + m))
-        traction = s.embed(s.load(end_force, nn(bond_place[nn(2 * b)]))) / bond_area[b]
+        if wp.static(test.is_interface):
+            # the mean of both sides of the node: they differ by its mass times acceleration
+            force = s.load(end_force, nn(interface_place[nn(2 * l)]))
+            force += s.load(end_force, nn(interface_place[nn(2 * l + 1)]))
+            traction = s.embed(real(0.5) * force) / bond_area[b]
+        else:
+            traction = s.embed(s.load(end_force, nn(bond_place[nn(2 * b)]))) / bond_area[b]
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
         wi, wj = geometry.load_weights(b, bond_arm)
         if wp.static(is_strain):
@@ -412,3 +420,67 @@ def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
         break_energy[l] = break_energy[l] + released
 
     return kernel(log_breaks, simd)
+
+
+@cache
+def part_interfaces(s: Laws, softens: bool, simd: bool = True):
+    """Pass over bonds that may break between unlike elements: both halves part as the face does,
+    and keep the share that it keeps."""
+    real = s.real
+
+    def part_interfaces(
+        # model
+        interface_bonds: wp.array(dtype=int),
+        interface_halves: wp.array(dtype=int),
+        # written
+        bond_linked: wp.array(dtype=real),
+        bond_keep: wp.array(dtype=real),
+    ):
+        t = wp.tid()
+        b = interface_bonds[t]
+        for side in range(2):
+            half = interface_halves[2 * t + side]
+            bond_linked[half] = bond_linked[b]
+            if wp.static(softens):
+                bond_keep[half] = bond_keep[b]
+
+    return kernel(part_interfaces, simd)
+
+
+@cache
+def keep_nodes(s: Laws, k: Laws, faces: Faces, simd: bool = True):
+    """Pass over bonds that may break between unlike elements: the node of a face that parted just
+    now goes on with its first element, as a mass on a spring at its facet point.
+
+    So mass and momentum stay where they are; the spring starts without force.
+    """
+    real, geometry = s.real, face(s, k, faces)
+
+    def keep_nodes(
+        # model
+        interface_bonds: wp.array(dtype=int),
+        interface_halves: wp.array(dtype=int),
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        bond_jump: wp.array(dtype=k.real),
+        point_stiffness: wp.array(dtype=real),
+        # state read
+        orientation: wp.array(dtype=k.real),
+        bond_linked: wp.array(dtype=real),
+        # written
+        displacement: wp.array(dtype=k.real),
+        facet_stiffness: wp.array(dtype=real),
+    ):
+        t = wp.tid()
+        half = interface_halves[2 * t]
+        if bond_linked[interface_bonds[t]] == real(0.0) and facet_stiffness[half] == real(0.0):
+            i = bond_i[half]
+            arm = geometry.load_arm(bond_arm, 2 * half)
+            place = k.load(displacement, i) + k.turn(k.load_rot(orientation, i), arm)
+            if wp.static(faces.has_jump):
+                place -= k.load(bond_jump, half)
+            k.store(displacement, bond_j[half], place)
+            facet_stiffness[half] = point_stiffness[t]
+
+    return kernel(keep_nodes, simd)

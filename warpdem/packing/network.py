@@ -107,12 +107,11 @@ def helix(
     finite("pitch", pitch, ())
     whole_number("bonds_per_turn", bonds_per_turn, 1, int(MOST / max(turns, 1.0)))
     bonds = round(turns * bonds_per_turn)
-
-    def coil(s: float) -> Array:
-        angle = 2.0 * pi * turns * s
-        return np.array([radius * np.cos(angle), radius * np.sin(angle), pitch * turns * s])
-
-    return filament(coil, bonds, section)
+    check_elements(bonds)
+    angle = 2.0 * pi * turns * np.linspace(0.0, 1.0, bonds + 1)
+    rise = pitch * angle / (2.0 * pi)
+    x = np.stack([radius * np.cos(angle), radius * np.sin(angle), rise], axis=1)
+    return filament(x, bonds, section)
 
 
 @checked

@@ -5,12 +5,14 @@ from math import inf
 from statistics import mean
 
 from ..experiments import (
+    Bimaterial,
     Branching,
     Heterogeneous,
     JohnShah,
     Kalthoff,
     ModeI,
     ModeII,
+    bimaterial,
     branching,
     heterogeneous,
     john_shah,
@@ -18,6 +20,7 @@ from ..experiments import (
     mode_i,
     mode_ii,
 )
+from ..simulation import Simulation
 from .case import Measurement, case
 
 
@@ -171,6 +174,58 @@ def uneven_strength() -> Iterator[Measurement]:
     for what, run in zip(names[:2], uneven[:2], strict=True):
         ratio = even.roughness_spacings / run.roughness_spacings
         yield _below(f"roughness of even strength over it, {what}", ratio, 0.9, "Ravi-Chandar 2004")
+
+
+@case("crack", slow=True)
+def energy_of_an_interface_crack() -> Iterator[Measurement]:
+    """A strip of PMMA and steel at rest with a crack along the interface: what it stores less for
+    each unit of length is the strip's energy ahead; and the load at which the crack starts."""
+    stored, ratios = [], []
+    lengths = 0.01, 0.01125, 0.0125
+    plate = Bimaterial().fill()
+    for notch in lengths:
+        p = Bimaterial(notch=notch, overload=0.3)
+        scene, body = p.build(plate)
+        sim = Simulation(scene)
+        sim.equilibrate(tolerance=1e-7)
+        stored.append(sim.energy()["pair"] + sim.energy()["volume"])
+        sim.run(steps=1)
+        joins = body.grain[sim.bonds[:, 0]] != body.grain[sim.bonds[:, 1]]
+        ratios.append(float(sim.criterion_ratio[joins].max()) / p.overload)
+    given = p.interface_toughness * p.fracture_energy * p.overload**2
+    found = (stored[0] - stored[-1]) / (lengths[-1] - lengths[0])
+    yield Measurement(
+        "energy release rate, J/m^2", given, "Rice 1968", found, abs(found / given - 1.0), 0.05
+    )
+    load = mean(1.0 / r for r in ratios)
+    yield Measurement(
+        "load over Griffith's at which it starts, mean of three places", 1.0, "Griffith", load,
+        abs(load - 1.0), 0.15,
+    )  # fmt: skip
+
+
+@case("crack", slow=True)
+def interface_crack_speeds() -> Iterator[Measurement]:
+    """A crack that opens along an interface of PMMA and steel: no faster than PMMA's surface."""
+    speeds = []
+    for overload in (1.15, 1.5):
+        speeds.append(bimaterial(Bimaterial(overload=overload)).speed_over_rayleigh)
+        what = f"speed over PMMA's c_R, load {overload:g}"
+        yield _between(what, speeds[-1], 0.6, 1.0, "Rosakis, Samudrala, Singh 1998")
+    ratio = speeds[0] / speeds[1]
+    yield _below("speed at the lower load over that at the higher", ratio, 1.0, "theory C6")
+
+
+@case("crack", slow=True)
+def deflection_at_an_interface() -> Iterator[Measurement]:
+    """A crack meets an interface between like halves at a right angle: at rest it is turned where
+    the interface has less than about a quarter of their toughness."""
+    for seed in range(2):
+        for ratio, expected in ((0.2, "deflected"), (0.5, "through")):
+            p = Bimaterial(path="across", interface_toughness=ratio, seed=seed, duration=32e-6)
+            missed = float(bimaterial(p).way != expected)
+            what = f"{expected} at a toughness of {ratio:g} of theirs, seed {seed}: misses"
+            yield _below(what, missed, 0.0, "He and Hutchinson 1989")
 
 
 @case("crack", slow=True)

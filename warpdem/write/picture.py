@@ -222,14 +222,14 @@ def draw_free_crack(
     right.set(
         xlabel="time [µs]",
         ylabel="crack speed / Rayleigh wave speed",
-        ylim=(0.0, 1.2),
+        ylim=(0.0, max(1.2, 1.1 * speeds["speed"].max(initial=0.0) / reference_speed)),
         title="Crack speed from break times",
     )
     right.set_xlim(left=0.0)
     if right.get_legend_handles_labels()[0]:
         right.legend(fontsize=9, loc="upper right", ncols=2)
     with whole(path) as part:
-        fig.savefig(part, dpi=110)
+        fig.savefig(part, dpi=110, bbox_inches="tight")
 
 
 def _nearest(position: Array, value: Array, pixels: int = 500) -> tuple[Array, list[float]]:
