@@ -121,7 +121,7 @@ def test_john_and_shah_on_a_coarse_beam(gamma, fails_from, tmp_path):
     at = gamma if fails_from == "notch" else 0.0
     # three elements, within which random cells turn the crack at once or are the weakest
     assert record["fails_at_gamma"] == pytest.approx(at, abs=0.12)
-    assert 0.0 < record["failure_time"] < p.duration
+    assert 0.0 < record["failure_time"] < result.simulation.time - 1e-4 < p.duration - 1e-4
     assert np.isfinite(result.start_time) == (fails_from == "notch")
     assert fails_from == "midspan" or 30.0 < record["angle_degrees"] < 90.0
     assert abs(result.energy_error) < 1e-4
