@@ -121,7 +121,7 @@ def test_john_and_shah_on_a_coarse_beam(gamma, fails_from, tmp_path):
     at = gamma if fails_from == "notch" else 0.0
     # three elements, within which random cells turn the crack at once or are the weakest
     assert record["fails_at_gamma"] == pytest.approx(at, abs=0.12)
-    assert 0.0 < record["failure_time"] < p.duration
+    assert 0.0 < record["failure_time"] < result.simulation.time - 1e-4 < p.duration - 1e-4
     assert np.isfinite(result.start_time) == (fails_from == "notch")
     assert fails_from == "midspan" or 30.0 < record["angle_degrees"] < 90.0
     assert abs(result.energy_error) < 1e-4
@@ -141,7 +141,7 @@ def test_a_beam_fails_from_the_first_crack_that_comes_through():
         cracks = find_branches(rows[:, :2], rows[:, 2], 4e-3, 12e-3)
         log = np.rec.fromarrays(rows.T, names="x,y,time")
         crack = SimpleNamespace(log=log, branches=lambda found=cracks: found)
-        found = failure(crack_at(cracks, (0.05, 0.019), 6e-3), {}, crack)
+        found = failure(crack_at(cracks, (0.05, 0.019), 6e-3), {}, crack, None)
         assert found["fails_from"] == ("nothing" if place is None else "midspan")
         assert found["failure_time"] == pytest.approx(time, abs=1e-3, nan_ok=True)
         assert found["angle_degrees"] == pytest.approx(90.0)

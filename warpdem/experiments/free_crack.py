@@ -18,7 +18,7 @@ from ..observe import CrackTracker, Snapshot
 from ..observe.growth import Branch
 from ..packing import Packing
 from ..scene import Body, Scene
-from ..simulation import Simulation
+from ..simulation import Observer, Simulation
 from ..write.log import UNITS
 from ..write.whole import write_csv
 from .shared import (
@@ -40,7 +40,7 @@ COLUMNS = (("branch", ""), ("time", "s"), ("distance", "m"), ("speed", "m/s"))
 
 @dataclass(frozen=True)
 class FreeCrack(ABC):
-    """Material and elements of an experiment, SI units. The run lasts `duration`."""
+    """Material and elements of an experiment, SI units. The run lasts `duration` at most."""
 
     spacing: Annotated[float, "Distance of elements, m."] = 1e-3
     packing: Annotated[str, f"Arrangement of elements: {', '.join(PACKINGS)}."] = "hexagonal"
@@ -55,6 +55,7 @@ class FreeCrack(ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     plane: ClassVar[str] = "strain"
+    ends: ClassVar[tuple[Observer, ...]] = ()  # that may end the run earlier
     size: ClassVar[tuple[float, float]]
 
     def __post_init__(self) -> None:
@@ -170,7 +171,7 @@ def free_crack(
     picture = Snapshot(lambda s: s.time >= PICTURE * p.duration, stress=True)
     likely = round(p.duration / sim.dt)
     run.foresee(sim, likely)
-    run.watch(sim, crack, (crack, picture), film("crack.usd", likely // run.frames))
+    run.watch(sim, crack, (crack, picture, *p.ends), film("crack.usd", likely // run.frames))
     sim.run(until=p.duration)
 
     found = crack.branches()

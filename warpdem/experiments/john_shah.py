@@ -14,13 +14,31 @@ from ..observe import CrackTracker
 from ..observe.growth import Branch, path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
+from ..simulation import Simulation
 from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
 from .shared import Options, guard
 
 LENGTH, DEPTH, SPAN, NOTCH = 0.2286, 0.0762, 0.2032, 0.019  # m
 MIDSPAN = 0.5 * LENGTH  # m from the left end
 THROUGH = 0.75  # of the depth: a crack that reaches it has failed the beam
+AFTER = 1e-4  # s that a run goes on then
 TRANSITION = 0.77  # gamma_t, measured by John and Shah (1990)
+
+
+class Through:
+    """Ends a run soon after a crack came through: the halves crush what they turn about then."""
+
+    every = 200
+
+    def observe(self, sim: Simulation) -> None:
+        """Look at the cracks."""
+        crack = CrackTracker()
+        crack.finish(sim)
+        if failure([], {}, crack)["failure_time"] + AFTER < sim.time:  # never of NaN
+            sim.stop()
+
+    def finish(self, sim: Simulation) -> None:
+        """Nothing is left to do."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +49,9 @@ class JohnShah(FreeCrack):
     with a notch of 19 mm at gamma times half the span from midspan. A support is an element that is
     held in height; those on top within a spacing of midspan move down at a velocity that grows
     linearly, and then stays. A bond's stress falls linearly once its greatest principal stress
-    exceeds the tensile strength, and it takes the fracture energy. The notch does not close.
-    Material and load are after Belytschko, Organ and Gerlach (2000), of the tests of John and Shah
-    (1990).
+    exceeds the tensile strength, and it takes the fracture energy. The notch does not close. The
+    run ends soon after a crack came through. Material and load are after Belytschko, Organ and
+    Gerlach (2000), of the tests of John and Shah (1990).
     """
 
     spacing: Annotated[float, "Distance of elements, m."] = 1.5e-3
@@ -52,6 +70,7 @@ class JohnShah(FreeCrack):
     title = "John and Shah's beam"
     size = (LENGTH, DEPTH)
     plane = "stress"
+    ends = (Through(),)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -139,7 +158,7 @@ def john_shah(parameters: JohnShah | None = None, **options: Unpack[Options]) ->
     return free_crack(parameters or JohnShah(), JohnShahResult, failure, **options)
 
 
-def failure(own: list[Branch], _: Any, crack: CrackTracker) -> dict[str, Any]:
+def failure(own: list[Branch], _: Any, crack: CrackTracker, _sim: Simulation) -> dict[str, Any]:
     """The first crack that came through, and its foot."""
     log, through = crack.log, []
     found = crack.branches()
