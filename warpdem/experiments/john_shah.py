@@ -34,7 +34,7 @@ class Through:
         """Look at the cracks."""
         crack = CrackTracker()
         crack.finish(sim)
-        if failure([], {}, crack)["failure_time"] + AFTER < sim.time:  # never of NaN
+        if failure([], {}, crack, sim)["failure_time"] + AFTER < sim.time:  # never of NaN
             sim.stop()
 
     def finish(self, sim: Simulation) -> None:
