@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf, sqrt
+from math import inf, nan, sqrt
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..criteria import Criterion, DruckerPrager, HuberMisesHencky, Rankine, Tensile
 from ..errors import InputError, one_of, positive, positive_or_inf
 from ..observe import CrackTracker, Snapshot
+from ..observe.growth import Front
 from ..observe.vortex import find_vortices, on_grid
 from ..packing import Packing
 from ..scene import Scene
@@ -30,13 +31,14 @@ from .weak_plane import (
     WeakPlane,
     follow,
     griffith_strain,
+    write_front,
 )
 
 CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
 # in spacings: half the field about the tip that is searched for vortices, its smoothing, and the
 # radius of the detector
 FIELD, SMOOTH, VORTEX = 25.0, 2.0, 8.0
-FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "run.json")
+FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "front.csv", "run.json")
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,8 @@ class ModeIResult(Result):
 
     vortices: of the velocity field near the tip at one instant (Shilko Fig. 4a), each with sign (1
     counterclockwise), place ahead of the tip and across the crack [m], swirl and circulation
-    [m^2/s], as of `observe.vortex.find_vortices`.
+    [m^2/s], as of `observe.vortex.find_vortices`. front: in space, with front_roughness_spacings:
+    its r.m.s. distance from a straight one in spacings, NaN in the plane.
     """
 
     speed_over_rayleigh: float
@@ -154,10 +157,12 @@ class ModeIResult(Result):
     vortices: list[dict[str, Any]]
     window_length: NDArray = field(repr=False)
     window_speed_over_rayleigh: NDArray = field(repr=False)
+    front_roughness_spacings: float
     crack: CrackTracker = field(repr=False)
+    front: Front | None = field(repr=False)
     field: Snapshot = field(repr=False)
 
-    objects = ("simulation", "crack", "field")
+    objects = ("simulation", "crack", "front", "field")
 
 
 def mode_i(
@@ -166,8 +171,8 @@ def mode_i(
 ) -> ModeIResult:
     """Run a mode I crack and measure its speed.
 
-    Writes crack.png, crack.usd, broken_bonds.csv and run.json; options: `shared.Options`. Raises
-    InputError for parameters that cannot be run.
+    Writes crack.png, crack.usd, broken_bonds.csv, run.json and in space front.csv; options:
+    `shared.Options`. Raises InputError for parameters that cannot be run.
     """
     run, p = Conduct(**options), parameters or ModeI()
     run.say("building the packing")
@@ -185,6 +190,7 @@ def mode_i(
     crack = CrackTracker(every=20, window=window, stop_at=p.length - window)
     way, note = (p.notch, p.length), "; the notch opens suddenly"
     picture, tip_place = follow(run, sim, crack, way, 0.9 * rayleigh, note)
+    front = p.front(crack)
     result = ModeIResult(
         **run_numbers(sim),
         speed_over_rayleigh=crack.speed / rayleigh,
@@ -193,7 +199,9 @@ def mode_i(
         vortices=_vortices(picture, tip_place, p),
         window_length=crack.length,
         window_speed_over_rayleigh=crack.window_speed / rayleigh,
+        front_roughness_spacings=nan if front is None else front.roughness / p.d,
         crack=crack,
+        front=front,
         field=picture,
     )
     if run.where is not None:
@@ -225,6 +233,8 @@ def _write(where: Path, p: ModeI, result: ModeIResult, precision: str, tip: floa
     from ..write.picture import draw_crack
 
     write_csv(where / "broken_bonds.csv", result.crack.log, UNITS)
+    if result.front is not None:
+        write_front(where, result.front)
     draw_crack(
         where / "crack.png",
         result.crack,
@@ -234,4 +244,5 @@ def _write(where: Path, p: ModeI, result: ModeIResult, precision: str, tip: floa
         crack_line=(0.0, p.plane_height),
         tip=tip,
         reach=0.16 * p.length,
+        front=result.front,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf, pi
+from math import inf, nan, pi
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
@@ -14,20 +14,29 @@ from ..criteria import DruckerPrager, equivalent_stress
 from ..errors import Array, InputError, one_of, positive
 from ..friction import checked_friction
 from ..observe import CrackTracker, Snapshot
-from ..observe.growth import window_speeds
+from ..observe.growth import Front, window_speeds
 from ..packing import Packing
 from ..scene import Scene
 from ..toughness import Toughness
 from ..write.log import UNITS
 from ..write.whole import write_csv
 from .shared import Conduct, Options, Result, run_numbers
-from .weak_plane import PACKINGS, RATIO, SIDES_HELP, SPACING, THICKNESS, WeakPlane, follow
+from .weak_plane import (
+    PACKINGS,
+    RATIO,
+    SIDES_HELP,
+    SPACING,
+    THICKNESS,
+    WeakPlane,
+    follow,
+    write_front,
+)
 
 STARTS = ("surface", "bulk")
 EDGE_FACTOR = 1.1215  # K of an edge crack over that of a buried one (Tada, Paris and Irwin)
 WINDOW = 15.0  # spacings over which speeds are fitted
 PLATEAU = (0.88, 1.02)  # speeds over Rayleigh's that are counted as its plateau
-FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "speeds.csv", "run.json")
+FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "front.csv", "speeds.csv", "run.json")
 
 
 @dataclass(frozen=True)
@@ -118,7 +127,8 @@ class ModeIIResult(Result):
     transition_spacings: growth at which two windows in a row first exceed the speed of S waves, in
     spacings, NaN if none do; rank_correlation: Spearman's of speed and length; forbidden_share: of
     windows in steady stretches (three in a row within 3 %) those between Rayleigh's speed and that
-    of S waves.
+    of S waves. front: in space, with front_roughness_spacings: its r.m.s. distance from a straight
+    one in spacings, NaN in the plane.
     """
 
     final_over_p: float
@@ -136,10 +146,12 @@ class ModeIIResult(Result):
     pressure_speed: float
     window_length: NDArray = field(repr=False)
     window_speed: NDArray = field(repr=False)
+    front_roughness_spacings: float
     crack: CrackTracker = field(repr=False)
+    front: Front | None = field(repr=False)
     field: Snapshot = field(repr=False)
 
-    objects = ("simulation", "crack", "field")
+    objects = ("simulation", "crack", "front", "field")
 
 
 def mode_ii(
@@ -180,6 +192,7 @@ def mode_ii(
     length, speed = np.zeros(0), np.zeros(0)
     if len(ahead):
         length, speed = window_speeds(ahead["x"] - tip, ahead["time"], WINDOW * p.d, 0.0)
+    front = p.front(crack)
     result = ModeIIResult(
         **run_numbers(sim),
         **_levels(length, speed, p),
@@ -191,7 +204,9 @@ def mode_ii(
         pressure_speed=pressure,
         window_length=length,
         window_speed=speed,
+        front_roughness_spacings=nan if front is None else front.roughness / p.d,
         crack=crack,
+        front=front,
         field=picture,
     )
     if run.where is not None:
@@ -245,6 +260,8 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     from ..write.picture import draw_shear_crack
 
     write_csv(where / "broken_bonds.csv", result.crack.log, UNITS)
+    if result.front is not None:
+        write_front(where, result.front)
     rows = np.zeros(len(result.window_length), dtype=[("length", float), ("speed", float)])
     rows["length"], rows["speed"] = result.window_length, result.window_speed
     write_csv(where / "speeds.csv", rows, {"length": "m", "speed": "m/s"})
@@ -257,5 +274,5 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     draw_shear_crack(
         where / "crack.png", result.window_length, result.window_speed, speeds, result.field,
         f"Mode II crack {place}, S = {p.s:g}, {result.elements} elements, {precision}",
-        crack_line=(p.centre, p.plane_height), tip=tip, reach=0.12 * p.length,
+        crack_line=(p.centre, p.plane_height), tip=tip, reach=0.12 * p.length, front=result.front,
     )  # fmt: skip

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from math import sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import packing
-from ..errors import Array, InputError, one_of, positive
+from ..errors import InputError, one_of, positive
 from ..material import Material
 from ..observe import CrackTracker, Snapshot
+from ..observe.growth import Front
 from ..packing import Packing
 from ..scene import Body, Scene
 from ..simulation import Simulation
-from ..write.whole import unit_of
+from ..write.whole import unit_of, write_csv
 from .shared import Conduct, film
 
 PACKINGS = ("hexagonal", "voronoi", "fcc")
@@ -23,7 +25,7 @@ RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
 GRIP_LAYERS = 2
 PLANE_SPACING, SPACE_SPACING = 1e-5, 2e-5  # m, by default
 LAYERS = 4  # cubes of fcc through the thickness, by default
-SLICES = 6  # of the front in space
+SLICE, INSTANTS = sqrt(2.0), 24  # distances of elements in a slice of the front; its pictures
 THICKNESS = "Thickness, m, of a plate in space; none: plane strain. By default 4 cubes of fcc."
 SIDES_HELP = f"Of a plate in space, across its thickness: {', '.join(SIDES)}."
 SPACING = "Distance of elements, m; by default 1e-5, in space 2e-5."
@@ -131,9 +133,19 @@ class WeakPlane:
         for side in ("top", "bottom"):
             scene.hold(body, body.packing.side(side, GRIP_LAYERS))
 
-    def front(self, crack: CrackTracker) -> list[tuple[float, Array, Array]]:
-        """The crack's front in slices through the thickness of a plate in space."""
-        return crack.front((0.0, 0.0, 1.0), SLICES) if self.in_space else []
+    def front(self, crack: CrackTracker) -> Front | None:
+        """The crack's front through the thickness of a plate in space."""
+        if not self.in_space:
+            return None
+        slices = max(1, round(self.size[2] / (SLICE * self.d)))
+        return crack.front_at((0.0, 0.0, 1.0), slices, INSTANTS)
+
+
+def write_front(where: Path, front: Front) -> None:
+    """front.csv: where the front is in every slice at every instant."""
+    rows = np.zeros(front.ahead.shape, dtype=[(name, float) for name in ("time", "z", "x")])
+    rows["time"], rows["z"], rows["x"] = front.time[:, None], front.across, front.ahead
+    write_csv(where / "front.csv", rows.ravel(), {"time": "s", "z": "m", "x": "m"})
 
 
 def griffith_strain(material: Material, energy: float, height: float) -> float:
