@@ -77,8 +77,8 @@ def test_crossing_in_space():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: wd.packing.fcc((6.0, 5.0, 3.0), 1.0, periodic="z"),
-        lambda: wd.packing.voronoi((6.0, 5.0, 4.0), 1.0, periodic="z", relaxations=3),
+        lambda: wd.packing.fcc((7.0, 7.0, 3.0), 1.0, periodic="z"),
+        lambda: wd.packing.voronoi((7.0, 7.0, 4.0), 1.0, periodic="z", relaxations=3),
     ],
 )
 def test_slabs_that_repeat_across_their_thickness(make):
@@ -87,7 +87,7 @@ def test_slabs_that_repeat_across_their_thickness(make):
     p = make()
     assert set(p.sides) == {"left", "right", "bottom", "top"}
     assert np.isinf(p.period[:2]).all()
-    box = (6.0, 5.0, p.period[2])
+    box = (7.0, 7.0, p.period[2])
     inner = ~p.boundary()
     assert inner.sum() > 10
     assert np.abs(p.exposed_area[inner]).max() < 1e-12
@@ -98,13 +98,11 @@ def test_slabs_that_repeat_across_their_thickness(make):
     body = scene.add(p, wd.Material(1.0, 0.3, 1.0))
     scene.strain(body, np.diag([1e-6, 3e-6, -2e-6]))
     sim = wd.Simulation(scene)
-    assert np.abs(sim.force[inner]).max() < 1e-9 * np.abs(sim.bond_force).max()
-    modulus, lame = 1.0 / 1.3, 0.3 / (1.3 * 0.4)
-    exact = modulus * np.diag([1e-6, 3e-6, -2e-6]) + lame * 2e-6 * np.eye(3)
     deep = ~p.boundary(2)
-    assert sim.stress[deep] == pytest.approx(
-        np.tile(exact, (deep.sum(), 1, 1)), rel=1e-4, abs=1e-10
-    )
+    assert deep.any()
+    assert np.abs(sim.force[deep]).max() < 1e-9 * np.abs(sim.bond_force).max()
+    exact = 1.0 / 1.3 * np.diag([1e-6, 3e-6, -2e-6]) + 0.3 / (1.3 * 0.4) * 2e-6 * np.eye(3)
+    assert np.abs(sim.stress[deep] - exact).max() < 1e-4 * exact.max()
 
 
 def test_what_cannot_repeat_along_some_axes_is_refused():
