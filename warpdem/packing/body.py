@@ -65,7 +65,7 @@ class Walls(Body):
         self.low = np.asarray(box.corner, dtype=np.float64)
         self.high = self.low + np.asarray(box.size)
         self.volume = float(np.prod(self.high - self.low))
-        self.repeats = repeats
+        self.repeats, self._band = repeats, 0.0
         if repeats.any():
             self.period = np.where(repeats, self.high - self.low, inf)
 
@@ -80,7 +80,7 @@ class Walls(Body):
     def cells(self, x: Array, weight: Array | None, faces: bool) -> Cells:
         """The cells of generators, with faces and sides if asked for."""
         n, spacing = len(x), _spacing(self, len(x))
-        band, blur = 1.5 * spacing, 0.0 if faces else 1e-3
+        band, blur = max(1.5 * spacing, self._band), 0.0 if faces else 1e-3
         while True:
             image, origin, wall = self._images(x, band, blur)
             w = None if weight is None else weight[origin]
@@ -88,6 +88,8 @@ class Walls(Body):
             if self._bounded(tessellation, band, 1e-6 + 10.0 * blur):
                 break
             band *= 2.0
+        if self.repeats.any():  # cells shrink from sweep to sweep: the next needs no wider one
+            self._band = 2.05 * float(tessellation.reach().max())
         volume, centroid = tessellation.measures()
         cells = Cells(volume, centroid, np.zeros((0, self.dim)), np.zeros(0, dtype=np.int64))
         if not faces:
