@@ -240,7 +240,7 @@ def _write(where: Path, p: ModeI, result: ModeIResult, precision: str, tip: floa
         result.crack,
         result.field,
         result.rayleigh_speed,
-        f"Mode I crack, strain {p.load:.3g}, {result.elements} elements, {precision}",
+        f"Mode I crack{p.told_space}, strain {p.load:.3g}, {result.elements} elements, {precision}",
         crack_line=(0.0, p.plane_height),
         tip=tip,
         reach=0.16 * p.length,

@@ -88,6 +88,11 @@ class WeakPlane:
         return f"plate {' x '.join(f'{edge * scale:.4g}' for edge in self.size)} {unit}"
 
     @property
+    def told_space(self) -> str:
+        """What a title says of a plate in space."""
+        return f", in space on {self.packing}, sides {self.sides}" if self.in_space else ""
+
+    @property
     def layer(self) -> float:
         """Thickness of a layer of elements along the weak plane over their distance."""
         if not self.in_space:
