@@ -265,7 +265,7 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     rows = np.zeros(len(result.window_length), dtype=[("length", float), ("speed", float)])
     rows["length"], rows["speed"] = result.window_length, result.window_speed
     write_csv(where / "speeds.csv", rows, {"length": "m", "speed": "m/s"})
-    place = "from the surface" if p.start == "surface" else "in the bulk"
+    place = ("from the surface" if p.start == "surface" else "in the bulk") + p.told_space
     speeds = {
         "Rayleigh waves": result.rayleigh_speed,
         "S waves": result.shear_speed,
@@ -273,6 +273,6 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     }
     draw_shear_crack(
         where / "crack.png", result.window_length, result.window_speed, speeds, result.field,
-        f"Mode II crack {place}{p.told_space}, S = {p.s:g}, {result.elements} elements, {precision}",
+        f"Mode II crack {place}, S = {p.s:g}, {result.elements} elements, {precision}",
         crack_line=(p.centre, p.plane_height), tip=tip, reach=0.12 * p.length, front=result.front,
     )  # fmt: skip
