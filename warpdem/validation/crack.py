@@ -129,6 +129,10 @@ def cracks_in_space() -> Iterator[Measurement]:
     level = shear.plateau_over_rayleigh
     yield _between("plateau over c_R, mode II, fcc", level, 0.88, 1.02, "Shilko Fig. 6b, area I")
     yield _below("steady windows in (c_R, c_S)", shear.forbidden_share, 0.1, "Burridge 1973")
+    fast = mode_ii(ModeII("bulk", packing="fcc", thickness=5.7e-5, seismic_ratio=0.5))
+    waves = fast.shear_speed / fast.pressure_speed
+    what = "final over c_P, mode II, fcc, S 0.5: above S waves"
+    yield _between(what, fast.final_over_p, waves, 1.0, "Shilko Fig. 6b, area II")
 
 
 @case("crack", slow=True)
