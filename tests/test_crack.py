@@ -321,7 +321,7 @@ def test_mode_i_in_space(tmp_path):
     the plane; the free sides of random cells, the files, and what is refused."""
     small = {"length": 8e-4, "height": 4e-4, "notch": 1.2e-4}
     fcc = wd.experiments.ModeI(packing="fcc", thickness=6e-5, **small)
-    found = wd.experiments.mode_i(fcc, out=tmp_path)
+    found = wd.experiments.mode_i(fcc, out=tmp_path, frames=2)
     assert found.simulation.model.features.dim == 3
     assert 0.85 < found.speed_over_rayleigh < 1.0
     assert found.front_roughness_spacings < 1e-9
