@@ -113,7 +113,7 @@ def cracks_in_space() -> Iterator[Measurement]:
 
     On fcc the front stays straight, so that two cubes of thickness are as good as many. Plates are
     150 spacings long, as at low loads a crack is not at its speed after 100. Random cells are left
-    out at the load 1.3, at which they miss the published range (0.877, docs/experiments.md).
+    out at the load 1.3, at which they may miss the published range (0.877, docs/experiments.md).
     """
     thin: dict[str, Any] = {"thickness": 5.7e-5}
     random: dict[str, Any] = {"height": 7e-4, "thickness": 8e-5}
