@@ -1,5 +1,6 @@
 """The crack instrument against cracks, vortices and fields that are known."""
 
+import json
 from math import pi, sqrt
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import pytest
 import warpdem as wd
 from warpdem.observe.growth import (
     find_branches,
+    find_front,
     front_speeds,
     released_energy_rate,
     window_speeds,
@@ -93,6 +95,25 @@ def test_front_in_space():
     for where, middle, found in slices:
         assert len(middle) >= 4
         assert found == pytest.approx(0.4 + 0.01 * np.floor(where / 0.95), rel=1e-6)
+
+
+def test_where_a_front_is_in_space():
+    """A front that is behind on one side, its places at two instants."""
+    x, z = np.meshgrid(np.arange(0.0, 50.0, 0.5), np.arange(0.5, 10.0))
+    place = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
+    time = (place[:, 0] + 0.8 * np.floor(place[:, 2] / 2.5)) / 0.5
+    front = find_front(place, time, [1, 0, 0], [0, 0, 1], 4, 30)
+    assert front.ahead.shape == (30, 4)
+    lag = front.ahead[5:25] - front.ahead[5:25, :1]
+    assert np.abs(lag + 0.8 * np.arange(4)).max() <= 0.5
+    assert front.roughness == pytest.approx(0.8 * np.std(np.arange(4)), rel=0.2)
+    nothing = find_front(np.zeros((0, 3)), [], [1, 0, 0], [0, 0, 1], 4, 30)
+    assert np.isnan(nothing.roughness)
+
+
+def test_many_breaks_in_a_window():
+    x, t = breaks(lambda x: 0.5 + 0.0 * x, length=4000.0, jitter=0.5)
+    assert window_speeds(x, t, 3900.0)[1] == pytest.approx(0.5, rel=0.01)
 
 
 def test_released_energy_over_area():
@@ -281,7 +302,7 @@ def test_mode_i_by_toughness_and_overload():
     """The Griffith load of a strip: its energy ahead, integrated over the height, is G_c."""
     p = wd.experiments.ModeI(toughness=0.7e6, overload=1.0)
     glass = p.material
-    free = p.height - 2.0 * sqrt(3.0) * p.spacing  # two rows are gripped on either side
+    free = p.height - 2.0 * sqrt(3.0) * p.d  # two rows are gripped on either side
     stress = (glass.lame("strain") + 2.0 * glass.shear_modulus) * p.load
     assert 0.5 * stress * p.load * free == pytest.approx(0.7e6**2 / glass.plane_modulus())
     twice = wd.experiments.ModeI(toughness=0.7e6, overload=2.0)
@@ -293,3 +314,38 @@ def test_mode_i_by_toughness_and_overload():
         assert np.isfinite(found.speed_over_rayleigh) == runs
     with pytest.raises(wd.InputError, match="needs toughness"):
         wd.experiments.ModeI(overload=1.5)
+
+
+def test_mode_i_in_space(tmp_path):
+    """A plate of fcc that repeats across its thickness: the front stays straight, at the speed of
+    the plane; the free sides of random cells, the files, and what is refused."""
+    small = {"length": 8e-4, "height": 4e-4, "notch": 1.2e-4}
+    fcc = wd.experiments.ModeI(packing="fcc", thickness=6e-5, **small)
+    found = wd.experiments.mode_i(fcc, out=tmp_path, frames=2)
+    assert found.simulation.model.features.dim == 3
+    assert 0.85 < found.speed_over_rayleigh < 1.0
+    assert found.front_roughness_spacings < 1e-9
+    assert found.field.position.shape[1] == 2
+    rows = (tmp_path / "front.csv").read_text().splitlines()
+    assert rows[0] == "time [s],z [m],x [m]" and len(rows) == 1 + found.front.ahead.size
+    told = json.loads((tmp_path / "run.json").read_text())
+    assert told["parameters"]["spacing"] == 2e-5 and told["parameters"]["overload"] == 1.65
+    assert told["speed_over_rayleigh"] == found.speed_over_rayleigh
+    for wrong, says in (
+        ({"thickness": 1e-4}, "hexagonal packings are of the plane"),
+        ({"packing": "fcc", "sides": "glued"}, "sides is 'glued'"),
+    ):
+        with pytest.raises(wd.InputError, match=says):
+            wd.experiments.ModeI(**wrong)
+    with pytest.raises(wd.InputError, match="do not rub"):
+        wd.experiments.ModeII(packing="fcc", friction=0.3)
+
+
+@pytest.mark.slow
+def test_free_sides_in_space():
+    """A front between free sides runs, too, on random cells."""
+    small = {"length": 8e-4, "height": 4e-4, "notch": 1.2e-4}
+    p = wd.experiments.ModeI(packing="voronoi", thickness=8e-5, sides="free", **small)
+    found = wd.experiments.mode_i(p)
+    assert 0.8 < found.speed_over_rayleigh < 1.0
+    assert found.front_roughness_spacings < 1.0

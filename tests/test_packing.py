@@ -75,6 +75,50 @@ def test_crossing_in_space():
 
 
 @pytest.mark.parametrize(
+    "make",
+    [
+        lambda: wd.packing.fcc((7.0, 7.0, 3.0), 1.0, periodic="z"),
+        lambda: wd.packing.voronoi((7.0, 7.0, 4.0), 1.0, periodic="z", relaxations=3),
+    ],
+)
+def test_slabs_that_repeat_across_their_thickness(make):
+    """Cells are closed but at the four other sides, and fill the box; a uniform strain whose part
+    across the thickness is kept by the box leaves the inside without net force."""
+    p = make()
+    assert set(p.sides) == {"left", "right", "bottom", "top"}
+    assert np.isinf(p.period[:2]).all()
+    box = (7.0, 7.0, p.period[2])
+    inner = ~p.boundary()
+    assert inner.sum() > 10
+    assert np.abs(p.exposed_area[inner]).max() < 1e-12
+    assert np.abs(p.exposed_area[:, 2]).max() < 1e-12
+    if p.arrangement == "voronoi":
+        assert p.volume.sum() == pytest.approx(np.prod(box))
+    scene = wd.Scene()
+    body = scene.add(p, wd.Material(1.0, 0.3, 1.0))
+    scene.strain(body, np.diag([1e-6, 3e-6, -2e-6]))
+    sim = wd.Simulation(scene)
+    deep = ~p.boundary(2)
+    assert deep.any()
+    assert np.abs(sim.force[deep]).max() < 1e-9 * np.abs(sim.bond_force).max()
+    exact = 1.0 / 1.3 * np.diag([1e-6, 3e-6, -2e-6]) + 0.3 / (1.3 * 0.4) * 2e-6 * np.eye(3)
+    assert np.abs(sim.stress[deep] - exact).max() < 1e-4 * exact.max()
+
+
+def test_what_cannot_repeat_along_some_axes_is_refused():
+    with pytest.raises(wd.InputError, match="some of 'xyz'"):
+        wd.packing.fcc((4.0, 4.0, 4.0), 1.0, periodic="w")
+    slab = wd.packing.fcc((4.0, 4.0, 2.9), 1.0, periodic="z")
+    scene = wd.Scene()
+    scene.add(slab, wd.Material(1.0, 0.3, 1.0))
+    scene.contact()
+    with pytest.raises(wd.InputError, match="repeat along some axes alone"):
+        wd.Simulation(scene)
+    with pytest.raises(wd.InputError, match="leave it out"):
+        replace(slab, period=np.full(3, np.inf))
+
+
+@pytest.mark.parametrize(
     ("change", "says"),
     [
         ({"position": [[0, 0], [np.nan, 0], [2, 0]]}, "not finite at 1"),

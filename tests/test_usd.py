@@ -188,3 +188,34 @@ def test_bonds_of_a_network_are_curves(tmp_path):
     assert ends == pytest.approx(sim.position[rod.bonds], rel=1e-6, abs=1e-6)
     frustum = UsdGeom.Camera(stage.GetPrimAtPath("/World/camera")).GetCamera(0).frustum
     assert all(frustum.Intersects(Gf.Vec3d(*x)) for x in sim.position.tolist())
+
+
+def test_a_crack_in_a_slab_that_repeats(tmp_path):
+    """Its faces are squares of the bonds' area on either side, bonds through sides end at images,
+    and the camera looks at the large side."""
+    p = wd.packing.fcc((8.0, 6.0, 2.9), 1.0, periodic="z")
+    scene = wd.Scene()
+    body = scene.add(p, wd.Material(1.0, 0.3, 1.0), fracture=wd.Rankine(1.0))
+    cut = scene.cut(body, (-1.0, 3.0 * np.sqrt(0.5), 0.0), (4.0, 3.0 * np.sqrt(0.5), 0.0))
+    scene.set_velocity(body, 1e-3 * np.sign(p.position - p.position.mean(axis=0)))
+    sim = wd.Simulation(scene)
+    sim.observe(wd.UsdWriter(tmp_path / "slab.usd", every=10))
+    sim.run(steps=20)
+    stage = Usd.Stage.Open(str(tmp_path / "slab.usd"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    curves = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/broken_bonds"))
+    ends = np.array(curves.GetPointsAttr().Get(2)).reshape(-1, 2, 3)
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == pytest.approx(1.0, abs=0.1)
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/crack_faces"))
+    corners = np.array(mesh.GetPointsAttr().Get(2)).reshape(2, -1, 4, 3)
+    assert corners.shape[1] == len(cut) > 40
+    edge = np.diff(corners, axis=2)
+    size = np.linalg.norm(np.cross(edge[..., 0, :], edge[..., 1, :]), axis=-1)
+    assert size == pytest.approx(p.area[0], rel=1e-5)
+    gap = corners[1].mean(axis=1) - corners[0].mean(axis=1)
+    gap[:, 2] -= p.period[2] * np.rint(gap[:, 2] / p.period[2])  # through a side
+    assert np.linalg.norm(gap, axis=1).max() < 0.1
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/camera"))
+    sight = np.array(camera.ComputeLocalToWorldTransform(0))[2, :3]
+    assert sight == pytest.approx([0.0, 0.0, 1.0])

@@ -183,7 +183,7 @@ def experiment(
             f"{result.element_steps_per_second / 1e6:.1f} million element-steps/s; "
             f"{result.seconds:.0f} s in all"
         )
-        console.print(f"written to {out}: {' '.join(files)}")
+        console.print(f"written to {out}: {' '.join(f for f in files if (out / f).exists())}")
 
     CONDUCTS[name] = conduct
 

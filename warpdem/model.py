@@ -993,6 +993,8 @@ def _renews(scene: Scene, has_nodes: bool) -> bool:
     body = scene.bodies[0]
     if not body.linked.all():
         raise InputError("renew_faces is not for bodies with cuts: new faces would heal them.")
+    if body.packing.period is not None and not np.isfinite(body.packing.period).all():
+        raise InputError("renew_faces is for bodies that repeat along all axes or none.")
     if body.mean_strain.any() and body.strain_history is None:
         raise InputError("renew_faces takes a periodic strain as a function of time.")
     return True
@@ -1735,6 +1737,12 @@ def _check_box(scene: Scene) -> None:
             )
     if scene.walls:
         raise InputError("walls would cut a periodic box; leave out the walls or the period.")
+    assert first.packing.period is not None
+    if not np.isfinite(first.packing.period).all():
+        raise InputError(
+            "bodies that repeat along some axes alone have no contact: give packings that repeat "
+            "along all axes or none, or leave scene.contact out."
+        )
 
 
 def _shares_strain(body: Body, other: Body) -> bool:

@@ -169,8 +169,8 @@ def periodic_moduli(packing: Packing, bond: EVMBond) -> Moduli:
     One sparse factorisation, one solution for every independent strain. The energy of a relaxed
     cell is 1/2 strain : C : strain times its volume, so C is exact for this cell.
     """
-    if packing.period is None:
-        raise InputError("this packing is not periodic; build it with periodic=True.")
+    if packing.period is None or not np.isfinite(packing.period).all():
+        raise InputError("this packing is not periodic all round; build it with periodic=True.")
     return _Cell(packing).moduli(bond.stiffnesses(len(packing.bonds)))
 
 
@@ -206,8 +206,8 @@ def calibrate(
     """
     from scipy.optimize import brentq
 
-    if packing.period is None:
-        raise InputError("this packing is not periodic; build it with periodic=True.")
+    if packing.period is None or not np.isfinite(packing.period).all():
+        raise InputError("this packing is not periodic all round; build it with periodic=True.")
     cell = _Cell(packing)
     r = 0.5 * packing.spacing if bond_radius is None else bond_radius
     positive("bond_radius", r, ())

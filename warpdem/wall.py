@@ -240,12 +240,13 @@ def turn_between(before: Array, after: Array) -> Array:
 
 
 def rotated(q: Array, v: Array) -> Array:
-    """A vector (dim,), or rows of them, turned."""
+    """A vector (dim,), or rows of them, turned; in space by one quaternion, or one a row."""
     v = np.asarray(v, dtype=np.float64)
-    if len(q) == 2:
+    if q.shape[-1] == 2:
         sine, cosine = 2.0 * q[0] * q[1], q[1] ** 2 - q[0] ** 2
         return v @ np.array([[cosine, sine], [-sine, cosine]])
-    return v + 2.0 * np.cross(q[:3], q[3] * v + np.cross(q[:3], v))
+    axis, real = q[..., :3], q[..., 3:]
+    return v + 2.0 * np.cross(axis, real * v + np.cross(axis, v))
 
 
 def _direction(name: str, given: ArrayLike, dim: int) -> Array:

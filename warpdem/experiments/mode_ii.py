@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf, pi
+from math import inf, nan, pi
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
@@ -14,20 +14,29 @@ from ..criteria import DruckerPrager, equivalent_stress
 from ..errors import Array, InputError, one_of, positive
 from ..friction import checked_friction
 from ..observe import CrackTracker, Snapshot
-from ..observe.growth import window_speeds
+from ..observe.growth import Front, window_speeds
 from ..packing import Packing
 from ..scene import Scene
 from ..toughness import Toughness
 from ..write.log import UNITS
-from ..write.whole import unit_of, write_csv
+from ..write.whole import write_csv
 from .shared import Conduct, Options, Result, run_numbers
-from .weak_plane import GRIP_LAYERS, PACKINGS, RATIO, WeakPlane, follow
+from .weak_plane import (
+    PACKINGS,
+    RATIO,
+    SIDES_HELP,
+    SPACING,
+    THICKNESS,
+    WeakPlane,
+    follow,
+    write_front,
+)
 
 STARTS = ("surface", "bulk")
 EDGE_FACTOR = 1.1215  # K of an edge crack over that of a buried one (Tada, Paris and Irwin)
 WINDOW = 15.0  # spacings over which speeds are fitted
 PLATEAU = (0.88, 1.02)  # speeds over Rayleigh's that are counted as its plateau
-FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "speeds.csv", "run.json")
+FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "front.csv", "speeds.csv", "run.json")
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,9 @@ class ModeII(WeakPlane):
     start: Annotated[str, f"Where the crack starts: {', '.join(STARTS)}."] = "surface"
     length: Annotated[float, "Length of the plate, m."] = 4e-3
     height: Annotated[float, "Height of the plate, m."] = 1.04e-3
-    spacing: Annotated[float, "Distance of elements, m."] = 1e-5
+    spacing: Annotated[float | None, SPACING] = None
+    thickness: Annotated[float | None, THICKNESS] = None
+    sides: Annotated[str, SIDES_HELP] = "periodic"
     toughness: Annotated[float, "K_IIc of the weak plane, Pa m^0.5."] = 0.3e6
     seismic_ratio: Annotated[float | None, "S; by default 0.7, in the bulk 0.95."] = None
     overload: Annotated[float | None, "K_II over K_IIc; by default 2.5, in the bulk 1.6."] = None
@@ -58,14 +69,17 @@ class ModeII(WeakPlane):
 
     def __post_init__(self) -> None:
         one_of("start", self.start, STARTS)
-        one_of("packing", self.packing, PACKINGS)
-        for name in ("length", "height", "spacing", "toughness"):
-            positive(name, getattr(self, name), ())
-        for name in ("seismic_ratio", "overload"):
+        self.check_plate()
+        for name in ("toughness", "seismic_ratio", "overload"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), ())
         if self.friction is not None:
             checked_friction(self.friction)
+            if self.in_space and self.sides == "periodic":
+                raise InputError(
+                    "faces of a plate that repeats across its thickness do not rub; leave friction "
+                    "out, or give sides free."
+                )
 
     @property
     def s(self) -> float:
@@ -113,7 +127,8 @@ class ModeIIResult(Result):
     transition_spacings: growth at which two windows in a row first exceed the speed of S waves, in
     spacings, NaN if none do; rank_correlation: Spearman's of speed and length; forbidden_share: of
     windows in steady stretches (three in a row within 3 %) those between Rayleigh's speed and that
-    of S waves.
+    of S waves. front: in space, with front_roughness_spacings: its r.m.s. distance from a straight
+    one in spacings, NaN in the plane.
     """
 
     final_over_p: float
@@ -131,10 +146,12 @@ class ModeIIResult(Result):
     pressure_speed: float
     window_length: NDArray = field(repr=False)
     window_speed: NDArray = field(repr=False)
+    front_roughness_spacings: float
     crack: CrackTracker = field(repr=False)
+    front: Front | None = field(repr=False)
     field: Snapshot = field(repr=False)
 
-    objects = ("simulation", "crack", "field")
+    objects = ("simulation", "crack", "front", "field")
 
 
 def mode_ii(
@@ -148,40 +165,34 @@ def mode_ii(
     """
     run, p = Conduct(**options), parameters or ModeII()
     run.say("building the packing")
-    plate = p.fill(p.spacing)
+    plate = p.fill(p.d)
     shear, peak = p.shear(plate)
-    notch, y = p.notch(plate), p.plane_height
+    notch = p.notch(plate)
     tip = p.centre + notch
     scene = Scene()
     body = scene.add(plate, p.material, fracture=p.law(plate))
-    weak = plate.crossing((-p.spacing, y), (p.length + p.spacing, y))
-    strength = body.strength_factor[weak]
-    scene.set_strength(body, inf)
-    body.strength_factor[weak] = strength
-    scene.cut(body, (-p.spacing if p.start == "surface" else p.centre - notch, y), (tip, y))
+    p.weaken(scene, body, inf)
+    scene.cut(body, p.at(-p.d if p.start == "surface" else p.centre - notch), p.at(tip))
     half = 0.5 * shear / p.material.shear_modulus
-    scene.strain(body, [[0.0, half], [half, 0.0]])
-    for side in ("top", "bottom"):
-        scene.hold(body, plate.side(side, GRIP_LAYERS))
+    p.strained(scene, body, [[0.0, half], [half, 0.0]])
     if p.friction is not None:
         scene.contact(friction=p.friction)
 
-    scale, unit = unit_of(p.length)
-    size = f"plate {p.length * scale:g} x {p.height * scale:g} {unit}"
-    sim = run.build(scene, size)
+    sim = run.build(scene, p.told_size)
     if p.start == "surface" and not sim.steps:
         run.say("bringing the sheared plate to rest")
         sim.relax({"float64": 1e-5, "mixed": 1e-5, "float32": 1e-3}[sim.precision])
     rayleigh = p.material.rayleigh_speed("strain")
     pressure = p.material.pressure_speed("strain")
     # the last twelfth of the plate feels the free edge and is left out
-    crack = CrackTracker(every=20, window=WINDOW * p.spacing, stop_at=p.length * 11.0 / 12.0)
+    crack = CrackTracker(every=20, window=WINDOW * p.d, stop_at=p.length * 11.0 / 12.0)
     picture, tip_place = follow(run, sim, crack, (tip, p.length), 1.3 * rayleigh)
 
-    ahead = crack.log[crack.log["x"] >= tip - p.spacing] if len(crack.log) else crack.log
+    ahead = crack.log[crack.log["x"] >= tip - p.d] if len(crack.log) else crack.log
     length, speed = np.zeros(0), np.zeros(0)
     if len(ahead):
-        length, speed = window_speeds(ahead["x"] - tip, ahead["time"], WINDOW * p.spacing, 0.0)
+        length, speed = window_speeds(ahead["x"] - tip, ahead["time"], WINDOW * p.d, 0.0)
+    front = p.front(crack)
     result = ModeIIResult(
         **run_numbers(sim),
         **_levels(length, speed, p),
@@ -193,7 +204,9 @@ def mode_ii(
         pressure_speed=pressure,
         window_length=length,
         window_speed=speed,
+        front_roughness_spacings=nan if front is None else front.roughness / p.d,
         crack=crack,
+        front=front,
         field=picture,
     )
     if run.where is not None:
@@ -218,13 +231,13 @@ def _levels(length: Array, speed: Array, p: ModeII) -> dict[str, Any]:
     above = speed > p.material.shear_speed()
     fast, both = np.flatnonzero(above), np.flatnonzero(above[1:] & above[:-1])
     if len(both):
-        found["transition_spacings"] = float(length[both[0]]) / p.spacing
+        found["transition_spacings"] = float(length[both[0]]) / p.d
     before = over[1 : fast[0]] if len(fast) else over[1:]  # the first window is the start's
     if len(before):
         found["plateau_over_rayleigh"] = float(np.median(before))
     longest = run = 0
     for k, value in enumerate(over):
-        follows = k > 0 and length[k] - length[k - 1] < 1.5 * WINDOW * p.spacing
+        follows = k > 0 and length[k] - length[k - 1] < 1.5 * WINDOW * p.d
         inside = PLATEAU[0] <= value <= PLATEAU[1]
         run = (run + 1 if follows else 1) if inside else 0
         longest = max(longest, run)
@@ -247,10 +260,12 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     from ..write.picture import draw_shear_crack
 
     write_csv(where / "broken_bonds.csv", result.crack.log, UNITS)
+    if result.front is not None:
+        write_front(where, result.front)
     rows = np.zeros(len(result.window_length), dtype=[("length", float), ("speed", float)])
     rows["length"], rows["speed"] = result.window_length, result.window_speed
     write_csv(where / "speeds.csv", rows, {"length": "m", "speed": "m/s"})
-    place = "from the surface" if p.start == "surface" else "in the bulk"
+    place = ("from the surface" if p.start == "surface" else "in the bulk") + p.told_space
     speeds = {
         "Rayleigh waves": result.rayleigh_speed,
         "S waves": result.shear_speed,
@@ -259,5 +274,5 @@ def _write(where: Path, p: ModeII, result: ModeIIResult, precision: str, tip: fl
     draw_shear_crack(
         where / "crack.png", result.window_length, result.window_speed, speeds, result.field,
         f"Mode II crack {place}, S = {p.s:g}, {result.elements} elements, {precision}",
-        crack_line=(p.centre, p.plane_height), tip=tip, reach=0.12 * p.length,
+        crack_line=(p.centre, p.plane_height), tip=tip, reach=0.12 * p.length, front=result.front,
     )  # fmt: skip

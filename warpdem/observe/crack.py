@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import Array, InputError, checked, finite
-from .growth import Branch, find_branches, front_speeds, released_energy_rate, window_speeds
+from .growth import (
+    Branch,
+    Front,
+    find_branches,
+    find_front,
+    front_speeds,
+    released_energy_rate,
+    window_speeds,
+)
 
 if TYPE_CHECKING:
     from ..simulation import Simulation
@@ -112,6 +120,13 @@ class CrackTracker:
         time = self.log["time"]
         return front_speeds(self._place(self.log), time, self._ahead, across, slices, self.window)
 
+    def front_at(self, across: ArrayLike, slices: int, instants: int) -> Front:
+        """Where the crack's front is in slices across it at some instants (`find_front`)."""
+        if len(self.log) == 0:
+            return Front(np.zeros(slices), np.zeros(0), np.zeros((0, slices)))
+        time = self.log["time"]
+        return find_front(self._place(self.log), time, self._ahead, across, slices, instants)
+
     def _place(self, log: NDArray[np.void]) -> Array:
         return np.stack([log[c] for c in "xyz"[: self._dim]], axis=1)
 
@@ -124,6 +139,9 @@ class CrackTracker:
         """Length of the crack's front [m]: the plate's thickness, in space that of its breaks."""
         if self._dim == 2:
             return sim.scene.bodies[0].packing.thickness
+        period = sim.scene.bodies[0].packing.period
+        if period is not None and np.isfinite(period[2]):
+            return float(period[2])
         return float(np.ptp(self.log["z"])) + self._spacing
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,15 @@ class Snapshot:
             self.position, self.velocity = sim.position, sim.velocity
             if self._stress:
                 self.stress = sim.principal_stress[:, 0]
+
+    def slice(self, z: float, half: float) -> Snapshot:
+        """Of a body in space the part within `half` of a height z [m], seen along the third axis:
+        places and velocities (m, 2)."""
+        part = copy(self)
+        near = np.abs(self.position[:, -1] - z) <= half
+        part.position, part.velocity = self.position[near, :2], self.velocity[near, :2]
+        part.stress = self.stress[near] if len(self.stress) else self.stress
+        return part
 
     def finish(self, sim: Simulation) -> None:
         """Nothing is left to do."""

@@ -3,22 +3,22 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Array, InputError, library
-from .packing import SIDES, Mask
+from .packing import SIDES, Mask, repeated
 from .shapes import Box, Outline, Shape, Surface, enclosed, place
 from .tessellation import Cells, Faces, Ids, Tessellation, dot
 
 
-def body_of(shape: Shape, step: float, periodic: bool) -> "Body":
+def body_of(shape: Shape, step: float, periodic: bool | str) -> "Body":
     """The body of a shape, curves divided into steps [m]."""
     if isinstance(shape, Box):
-        return (Periodic if periodic else Walls)(shape)
+        return Walls(shape, repeated(periodic, len(shape.size)))
     if periodic:
         raise InputError("only boxes are periodic; give a box or leave periodic out.")
     if hasattr(shape, "outline"):
@@ -29,11 +29,15 @@ def body_of(shape: Shape, step: float, periodic: bool) -> "Body":
 
 
 class Body(ABC):
-    """What a shape is to generators: low and high corners (dim,), volume [m^3 or m^2]."""
+    """What a shape is to generators: low and high corners (dim,), volume [m^3 or m^2].
+
+    period (dim,): of one that repeats, inf along axes along which it does not.
+    """
 
     low: Array
     high: Array
     volume: float
+    period: Array | None = None
 
     @property
     def dim(self) -> int:
@@ -54,13 +58,20 @@ class Body(ABC):
 
 
 class Walls(Body):
-    """A box. Images beyond its walls bound the cells."""
+    """A box. Images bound the cells: mirrored beyond its walls, shifted where it repeats."""
 
-    def __init__(self, box: Box) -> None:
+    def __init__(self, box: Box, repeats: Mask) -> None:
         assert box.corner is not None
         self.low = np.asarray(box.corner, dtype=np.float64)
         self.high = self.low + np.asarray(box.size)
         self.volume = float(np.prod(self.high - self.low))
+        self.repeats, self._band = repeats, 0.0
+        if repeats.any():
+            self.period = np.where(repeats, self.high - self.low, inf)
+
+    def wrapped(self, x: Array) -> Array:
+        """Points where they are inside the box."""
+        return np.where(self.repeats, self.low + (x - self.low) % (self.high - self.low), x)
 
     def contains(self, x: Array) -> Mask:
         """Which points lie inside."""
@@ -69,7 +80,7 @@ class Walls(Body):
     def cells(self, x: Array, weight: Array | None, faces: bool) -> Cells:
         """The cells of generators, with faces and sides if asked for."""
         n, spacing = len(x), _spacing(self, len(x))
-        band, blur = 1.5 * spacing, 0.0 if faces else 1e-3
+        band, blur = max(1.5 * spacing, self._band), 0.0 if faces else 1e-3
         while True:
             image, origin, wall = self._images(x, band, blur)
             w = None if weight is None else weight[origin]
@@ -77,6 +88,8 @@ class Walls(Body):
             if self._bounded(tessellation, band, 1e-6 + 10.0 * blur):
                 break
             band *= 2.0
+        if self.repeats.any():  # cells shrink from sweep to sweep: the next needs no wider one
+            self._band = 2.05 * float(tessellation.reach().max())
         volume, centroid = tessellation.measures()
         cells = Cells(volume, centroid, np.zeros((0, self.dim)), np.zeros(0, dtype=np.int64))
         if not faces:
@@ -90,19 +103,21 @@ class Walls(Body):
         cells.pair = np.stack([i, origin[j]], axis=1)[joins]
         cells.area, cells.arms = f.area[joins], arms[joins]
         for k, name in enumerate(SIDES[: 2 * self.dim]):
+            if self.repeats[k // 2]:
+                continue
             cells.sides[name] = np.zeros(n, dtype=bool)
             cells.sides[name][i[own & (wall[j] == k)]] = True
         return cells
 
     def _images(self, x: Array, band: float, blur: float) -> tuple[Array, Ids, Ids]:
-        """Generators and mirror images of those near a wall; whose they are; the wall, or -1.
+        """Generators and images of those near a side; whose they are; the wall of a mirror, or -1.
 
-        Images are blurred, by a part of their distance, where cells need not be exact: equal
+        Mirrored ones are blurred, by a part of their distance, where cells need not be exact: equal
         distances are a triangulation's slow case.
         """
         rng = np.random.default_rng(0)
         images, origin, walls = [x], [np.arange(len(x))], [np.full(len(x), -1)]
-        for axis in range(self.dim):
+        for axis in np.flatnonzero(~self.repeats):
             for end, at in enumerate((self.low[axis], self.high[axis])):
                 near = np.flatnonzero(np.abs(x[:, axis] - at) < band)
                 image = x[near].copy()
@@ -111,38 +126,27 @@ class Walls(Body):
                 images.append(image)
                 origin.append(near)
                 walls.append(np.full(len(near), 2 * axis + end))
-        return np.concatenate(images), np.concatenate(origin), np.concatenate(walls)
-
-    def _bounded(self, tessellation: Tessellation, band: float, tiny: float) -> bool:
-        """Whether the images that there are bound every cell at the walls."""
-        if band > 2.0 * (self.high - self.low).max():
-            return True
-        v = tessellation.vertex[tessellation.ends.ravel()]
-        return bool(((v > self.low - tiny * band) & (v < self.high + tiny * band)).all())
-
-
-class Periodic(Walls):
-    """A box that repeats. Images in the neighbouring boxes bound the cells."""
-
-    def wrapped(self, x: Array) -> Array:
-        """Points where they are inside the box."""
-        return self.low + (x - self.low) % (self.high - self.low)
-
-    def _images(self, x: Array, band: float, blur: float) -> tuple[Array, Ids, Ids]:
-        images, origin = x, np.arange(len(x))
-        for axis in range(self.dim):
-            at = images[:, axis]
+        image, whose, wall = (np.concatenate(each) for each in (images, origin, walls))
+        for axis in np.flatnonzero(self.repeats):
+            at = image[:, axis]
             below = np.flatnonzero(at < self.low[axis] + band)
             above = np.flatnonzero(at > self.high[axis] - band)
             shift = np.zeros(self.dim)
             shift[axis] = self.high[axis] - self.low[axis]
-            images = np.concatenate([images, images[below] + shift, images[above] - shift])
-            origin = np.concatenate([origin, origin[below], origin[above]])
-        return images, origin, np.full(len(images), -1)
+            image = np.concatenate([image, image[below] + shift, image[above] - shift])
+            whose = np.concatenate([whose, whose[below], whose[above]])
+            wall = np.concatenate([wall, wall[below], wall[above]])
+        return image, whose, wall
 
     def _bounded(self, tessellation: Tessellation, band: float, tiny: float) -> bool:
-        enough = band > (self.high - self.low).max()
-        return enough or bool(2.0 * tessellation.reach().max() < band)
+        """Whether the images that there are bound every cell at the sides."""
+        if band > 2.0 * (self.high - self.low).max():
+            return True
+        if self.repeats.any() and 2.0 * tessellation.reach().max() >= band:
+            return False
+        v = tessellation.vertex[tessellation.ends.ravel()]
+        inside = (v > self.low - tiny * band) & (v < self.high + tiny * band)
+        return bool(inside[:, ~self.repeats].all())
 
 
 class Plane(Body):

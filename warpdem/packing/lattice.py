@@ -1,14 +1,14 @@
 """Lattices in boxes."""
 
 from collections.abc import Mapping, Sequence
-from math import prod, sqrt
+from math import inf, prod, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, checked, one_of, rounded
+from ..errors import Array, InputError, checked, one_of, rounded
 from ..room import check_elements
-from .packing import SIDES, Mask, Packing, check_box
+from .packing import SIDES, Mask, Packing, check_box, repeated
 
 
 @checked
@@ -123,24 +123,32 @@ def bcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
 
 
 @checked
-def fcc(size: Sequence[float], spacing: float, neighbours: int = 1) -> Packing:
+def fcc(
+    size: Sequence[float], spacing: float, neighbours: int = 1, periodic: bool | str = False
+) -> Packing:
     """Face-centred cubic packing, cube edges along the axes, in a box from (0, 0, 0).
 
     size: the three edges of the box [m]; spacing: distance d of neighbours [m]; neighbours: 2 adds
-    bonds to second neighbours, without faces.
+    bonds to second neighbours, without faces. periodic: the packing repeats, along all axes or
+    those named, such as "z", after the whole cubes of edge sqrt(2) d nearest to size.
     """
     check_box(size, spacing, 3)
     half = spacing / sqrt(2.0)
-    sites = _sites(size, half)
+    repeats = repeated(periodic, 3)
+    whole = [2.0 * half * max(round(0.5 * edge / half), 1) for edge in size]
+    edges = np.where(repeats, whole, np.asarray(size, dtype=np.float64))
+    sites = _sites(edges.tolist(), half)
     sites = sites[sites.sum(axis=1) % 2 == 0]
+    sides = _sides(sites)
     return _lattice(
         (sites + 0.5) * half,
         spacing,
         volume=spacing**3 / sqrt(2.0),
         area=spacing**2 / (2.0 * sqrt(2.0)),
-        sides=_sides(sites),
+        sides={n: m for k, (n, m) in enumerate(sides.items()) if not repeats[k // 2]},
         second=_second(neighbours, sqrt(2.0)),
         arrangement="fcc",
+        period=np.where(repeats, edges, inf) if repeats.any() else None,
     )
 
 
@@ -154,13 +162,18 @@ def _lattice(
     thickness: float = 1.0,
     second: float = 1.0,
     arrangement: str = "",
+    period: Array | None = None,
 ) -> Packing:
     from scipy.spatial import cKDTree
 
-    bonds = cKDTree(position).query_pairs(1.01 * second * spacing, output_type="ndarray")
+    box = None if period is None else np.where(np.isfinite(period), period, 0.0)
+    tree = cKDTree(position, boxsize=box)
+    bonds = tree.query_pairs(1.01 * second * spacing, output_type="ndarray")
     bonds = bonds.astype(np.int64)
     bonds = bonds[np.lexsort((bonds[:, 1], bonds[:, 0]))]
     half = 0.5 * (position[bonds[:, 1]] - position[bonds[:, 0]])
+    if period is not None and box is not None:
+        half -= 0.5 * box * np.rint(2.0 * half / period)
     faces = {"area": np.full(len(bonds), area), "arms": np.stack([half, -half], axis=1)}
     return Packing(
         position=position.astype(np.float64),
@@ -171,6 +184,7 @@ def _lattice(
         thickness=thickness,
         spacing=spacing,
         sides=sides,
+        period=period,
         arrangement=arrangement,
     )
 

@@ -29,7 +29,8 @@ class Packing:
     principal moments of inertia are mass * gyration^2; axes (n, 4): unit quaternions (x, y, z, w)
     from the principal axes to the world's, by default none turned. ids (n,): the user's own numbers
     of the elements, by default their order.
-    period [m] (dim,): edges of the box that a periodic cell repeats with.
+    period [m] (dim,): edges of the box that a periodic cell repeats with, inf along axes along
+    which it does not.
     plane: "strain" or "stress" of a plane packing of the given thickness [m], None in space.
     arrangement: "hexagonal", "fcc", "voronoi" or "": what tables of tip stresses go by.
     sides: named boundary layers as masks of elements.
@@ -71,7 +72,7 @@ class Packing:
         radius = equal if self.radius is None else self.radius
         set_(self, "radius", positive("radius", radius, (n,)))
         if self.period is not None:
-            set_(self, "period", positive("period", self.period, (dim,)))
+            set_(self, "period", _period(self.period, dim))
         self._check_bonds()
         self._check_inertia()
         ids = np.arange(n) if self.ids is None else np.asarray(self.ids)
@@ -276,7 +277,10 @@ class Packing:
     def bond_vector(self) -> Array:
         """x_j - x_i [m], shape (b, dim); of a periodic cell to the nearest image of j."""
         x = self.position[self.bonds[:, 1]] - self.position[self.bonds[:, 0]]
-        return x if self.period is None else x - self.period * np.rint(x / self.period)
+        if self.period is None:
+            return x
+        edges = np.where(np.isfinite(self.period), self.period, 0.0)
+        return x - edges * np.rint(x / self.period)
 
     @cached_property
     def bond_length(self) -> Array:
@@ -424,6 +428,26 @@ class Packing:
         return np.flatnonzero(
             across & (share >= -1e-9).all(axis=0) & (share <= 1 + 1e-9).all(axis=0)
         )
+
+
+def _period(given: ArrayLike, dim: int) -> Array:
+    """Edges of the box that repeats, inf along axes along which none does."""
+    edges = np.asarray(given, dtype=np.float64)
+    repeats = np.isfinite(edges)
+    positive("period", np.where(np.isposinf(edges), 1.0, edges), (dim,))
+    if not repeats.any():
+        raise InputError("period is infinite along all axes; leave it out.")
+    return edges
+
+
+def repeated(periodic: bool | str, dim: int) -> Mask:
+    """Along which axes a body repeats, (dim,): all, none, or those that are named."""
+    axes = "xyz"[:dim]
+    if isinstance(periodic, str):
+        if not periodic or not set(periodic) <= set(axes):
+            raise InputError(f"periodic is {periodic!r}; give True, False or some of {axes!r}.")
+        return np.array([axis in periodic for axis in axes])
+    return np.full(dim, periodic)
 
 
 def check_box(size: Sequence[float], spacing: float, dim: int) -> None:

@@ -21,7 +21,7 @@ from ..errors import (
     whole_number,
 )
 from ..room import check_elements
-from .body import Body, Periodic, body_of
+from .body import Body, body_of
 from .packing import Packing
 from .shapes import Box, Shape, place
 from .tessellation import Cells
@@ -43,7 +43,7 @@ def voronoi(
     thickness: float = 1.0,
     seed: int = 0,
     relaxations: int = 6,
-    periodic: bool = False,
+    periodic: bool | str = False,
     tell: Tell | None = None,
 ) -> Packing:
     """Voronoi cells of random centres filling a shape, relaxed towards their centroids (Lloyd).
@@ -53,8 +53,8 @@ def voronoi(
     packing with as many elements; for a graded one a function that gives it, (m,), at points
     (m, dim). seed: of the centres. relaxations: sweeps, of centres that start spread evenly; 0 for
     centres without any order, whose cells cost a many times smaller time step (theory B8).
-    periodic: cells repeat with the box. tell: called with a line of text after every sweep; by
-    default those of 20,000 cells and more go to stderr.
+    periodic: cells repeat with the box, along all axes or those named, such as "z". tell: called
+    with a line of text after every sweep; by default those of 20,000 cells and more go to stderr.
 
     Cells are clipped to the shape. Its circles and spheres are polygons of their area, edges a
     sixth of the spacing, and polyhedra of their volume, edges half of it.
@@ -86,7 +86,7 @@ def laguerre(
     plane: str | None = "strain",
     thickness: float = 1.0,
     relaxations: int = 0,
-    periodic: bool = False,
+    periodic: bool | str = False,
     tell: Tell | None = None,
 ) -> Packing:
     """Radical (Laguerre) cells of spheres, in the plane discs, filling a shape.
@@ -119,7 +119,7 @@ def polydisperse(
     thickness: float = 1.0,
     seed: int = 0,
     relaxations: int = 20,
-    periodic: bool = False,
+    periodic: bool | str = False,
     tell: Tell | None = None,
 ) -> Packing:
     """Radical cells of spheres of given proportions, at random places filling a shape.
@@ -144,7 +144,7 @@ def _shape(shape: Any) -> Shape:
     return Box(tuple(shape)) if isinstance(shape, list | tuple | np.ndarray) else shape
 
 
-def _fine(shape: Shape, count: int, periodic: bool) -> Body:
+def _fine(shape: Shape, count: int, periodic: bool | str) -> Body:
     """The body for a number of elements."""
     rough = body_of(shape, inf, periodic)
     _enough(count, rough.dim)
@@ -322,11 +322,11 @@ def _packing(
             bonds=cells.pair[order],
             area=cells.area[order] * thickness,
             arms=cells.arms[order],
-            period=body.high - body.low if isinstance(body, Periodic) else None,
+            period=body.period,
             plane=plane if dim == 2 else None,
             thickness=thickness,
             spacing=sqrt(mean * 2.0 / sqrt(3.0)) if dim == 2 else float(np.cbrt(mean * sqrt(2.0))),
-            sides={} if isinstance(body, Periodic) else cells.sides,
+            sides=cells.sides,
             arrangement=arrangement,
         )
     _warn_of_pieces(packing)

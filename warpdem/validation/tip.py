@@ -109,7 +109,7 @@ def _whole(name: str, plane: str | None, radius: float) -> Packing:
     if name == "hexagonal":
         return packing.hexagonal((size, size), 1.0, str(plane))
     if name == "fcc":
-        return _periodic_fcc(size, 2.0 * sqrt(2.0))
+        return packing.fcc((size, size, 2.0 * sqrt(2.0)), 1.0, periodic="z")
     if plane is not None:
         return packing.voronoi((size, size), 1.0, plane, seed=1)
     cells = packing.voronoi((size, size, 4.0), 1.0, seed=1, periodic=True)
@@ -118,28 +118,6 @@ def _whole(name: str, plane: str | None, radius: float) -> Packing:
     kept = (np.abs(apart[:, :2]) < radius).all(axis=1)
     assert cells.area is not None and cells.arms is not None
     return replace(cells, bonds=cells.bonds[kept], area=cells.area[kept], arms=cells.arms[kept])
-
-
-def _periodic_fcc(size: float, depth: float) -> Packing:
-    """An fcc slab that repeats with its depth."""
-    from scipy.spatial import cKDTree
-
-    slab = packing.fcc((size, size, depth), 1.0)
-    x = slab.position
-    above = cKDTree(x).query_ball_point(x + np.array([0.0, 0.0, depth]), 1.01)
-    through = [(i, j) for j, near in enumerate(above) for i in near]
-    bonds = np.concatenate([slab.bonds, np.array(through)])
-    period = np.array([10.0 * size, 10.0 * size, depth])
-    vector = x[bonds[:, 1]] - x[bonds[:, 0]]
-    vector -= period * np.rint(vector / period)
-    assert slab.area is not None
-    return replace(
-        slab,
-        bonds=bonds,
-        area=np.full(len(bonds), slab.area[0]),
-        arms=0.5 * np.stack([vector, -vector], axis=1),
-        period=period,
-    )
 
 
 def kolosov(plane: str | None, poisson: float) -> float:

@@ -35,6 +35,19 @@ def element_widths(sim: Simulation) -> Array:
     return np.concatenate([np.full(len(p), p.spacing) for p in packings])
 
 
+def element_periods(sim: Simulation) -> Array | None:
+    """Edges of the box that each element's body repeats with [m], (n, 3), inf along axes along
+    which it does not; None if no body does."""
+    packings = [b.packing for b in sim.scene.bodies]
+    if all(p.period is None for p in packings):
+        return None
+    edges = np.full((len(packings), 3), np.inf)
+    for row, p in zip(edges, packings, strict=True):
+        if p.period is not None:
+            row[: p.dim] = p.period
+    return np.repeat(edges, [len(p) for p in packings], axis=0)
+
+
 def element_ids(sim: Simulation) -> NDArray[np.int64]:
     """The packings' own ids, or the order of elements where these clash, (n,)."""
     ids = np.concatenate([b.packing.ids for b in sim.scene.bodies])

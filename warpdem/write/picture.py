@@ -6,12 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..errors import Array
 from ..observe import CrackTracker, Snapshot
+from ..observe.growth import Front
 from ..observe.vortex import on_grid
 from .whole import unit_of, whole
 
@@ -25,14 +29,16 @@ def draw_crack(
     crack_line: tuple[float, float],
     tip: float,
     reach: float,
+    front: Front | None = None,
 ) -> None:
     """Speed against crack length, and the velocity field near the tip at one instant.
 
     reference_speed [m/s]: of Rayleigh waves; crack_line: start x and height y of the crack [m];
-    tip: its tip in the field [m]; reach: half the width of the piece of the field shown [m].
+    tip: its tip in the field [m]; reach: half the width of the piece of the field shown [m];
+    front: in space, drawn at its instants.
     """
     factor, unit = unit_of(crack.length.max(initial=reach))
-    fig, left, right = _panels(title)
+    fig, left, right = _panels(title, front, factor, unit)
     left.axhline(1.0, color="0.4", ls="--", lw=1)
     left.text(0.0, 1.01, "Rayleigh wave speed", color="0.3", va="bottom")
     if len(crack.length):
@@ -70,6 +76,7 @@ def draw_shear_crack(
     crack_line: tuple[float, float],
     tip: float,
     reach: float,
+    front: Front | None = None,
 ) -> None:
     """Speed of a shear crack against its growth beside wave speeds, and the field at its tip.
 
@@ -77,7 +84,7 @@ def draw_shear_crack(
     `draw_crack`.
     """
     factor, unit = unit_of(float(length.max(initial=reach)))
-    fig, left, right = _panels(title)
+    fig, left, right = _panels(title, front, factor, unit)
     most = max(wave_speeds.values())
     at_right = left.get_yaxis_transform()  # x over the width of the panel
     for name, value in wave_speeds.items():
@@ -97,11 +104,33 @@ def draw_shear_crack(
         fig.savefig(part, dpi=130)
 
 
-def _panels(title: str) -> tuple[Figure, Axes, Axes]:
-    fig = Figure(figsize=(13, 5), layout="constrained")
-    left, right = fig.subplots(1, 2, gridspec_kw={"width_ratios": [1, 1.5]})
+def _panels(title: str, front: Front | None, factor: float, unit: str) -> tuple[Figure, Axes, Axes]:
+    """Two panels side by side; in space a third below, with the front at its instants."""
+    fig = Figure(figsize=(13, 5 if front is None else 7), layout="constrained")
     fig.suptitle(title)
+    upper: Any = fig
+    if front is not None:
+        upper, lower = fig.subfigures(2, 1, height_ratios=[5, 2])  # type: ignore[misc]
+        _draw_front(lower, front, factor, unit)
+    left, right = upper.subplots(1, 2, gridspec_kw={"width_ratios": [1, 1.5]})
     return fig, left, right
+
+
+def _draw_front(fig: Any, front: Front, factor: float, unit: str) -> None:
+    """The front at its instants, seen across the crack's plane."""
+    ax = fig.subplots()
+    if len(front.time):
+        scale = Normalize(front.time[0] * 1e6, front.time[-1] * 1e6)
+        for time, ahead in zip(front.time, front.ahead, strict=True):
+            color = colormaps["viridis"](scale(time * 1e6))
+            ax.plot(ahead * factor, front.across * factor, "o-", ms=3, color=color)
+        fig.colorbar(ScalarMappable(scale, "viridis"), ax=ax, label="time [µs]")
+    ax.set(
+        xlabel=f"x [{unit}]",
+        ylabel=f"z [{unit}]",
+        title="Front of the crack at some instants; z is through the thickness (axes of unlike "
+        "scale)",
+    )
 
 
 def _draw_field(

@@ -13,8 +13,8 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from ..errors import Array, InputError, one_of
 from ..fields import in_space
-from ..wall import Box, Mesh, Plane, Shape, Sphere
-from .frame import FIELDS, element_fields, element_ids, element_widths
+from ..wall import Box, Mesh, Plane, Shape, Sphere, rotated
+from .frame import FIELDS, element_fields, element_ids, element_periods, element_widths
 from .whole import folder, whole
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 FRAMES_PER_SECOND = 24.0
 WORLD = "/World"
+RED = Gf.Vec3f(0.85, 0.1, 0.1)
 
 
 class UsdWriter:
@@ -37,15 +38,16 @@ class UsdWriter:
     plastic_strain as primvars; broken bonds are linear curves, /World/broken_bonds, and so are the
     linked bonds of bodies without faces, /World/bonds. Walls are /World/wall_0 and so on, with
     their motion; infinite ones end beyond the scene. /World/camera looks at all of it, along z at a
-    plane scene and along y in space. Lengths are in metres, z is up, a plane
-    scene lies at z = 0. One time code is one frame; the simulated time [s] of each is the attribute
-    `warpdem:time` of /World.
+    plane scene and at slabs that are thin along z, else along y. In space, both faces of every
+    broken bond with faces are squares of its area, /World/crack_faces. Lengths are in metres, z is
+    up, a plane scene lies at z = 0. One time code is one frame; the simulated time [s] of each is
+    the attribute `warpdem:time` of /World.
 
     color: the field shown as displayColor, scaled by its values in the first frame that has any.
     """
 
     # made anew from the scene
-    not_saved = ("_width", "_rods")
+    not_saved = ("_width", "_rods", "_period", "_crack")
 
     def __init__(
         self, path: str | Path, every: int = 100, color: str = "von_mises", single: bool = True
@@ -118,7 +120,9 @@ class UsdWriter:
         place = in_space(sim.position)
         self._write_elements(sim, place, time)
         pairs, linked = sim.bonds, sim.linked
-        self._write_curves(self._broken, place[pairs[~linked]], time)
+        self._write_curves(self._broken, self._ends(place, pairs[~linked]), time)
+        if self._crack is not None:
+            self._write_faces(self._crack, sim, np.flatnonzero(~linked), time)
         if self._rods.any():
             self._write_curves(self._bonds, place[pairs[linked & self._rods]], time)
         for wall, (move, turn) in zip(sim.scene.walls, self._wall_moves, strict=True):
@@ -148,7 +152,7 @@ class UsdWriter:
         stage.SetDefaultPrim(world)
         world.CreateAttribute("warpdem:time", Sdf.ValueTypeNames.Double)
         packings = [b.packing for b in sim.scene.bodies]
-        self._width = element_widths(sim)
+        self._width, self._period = element_widths(sim), element_periods(sim)
 
         points = UsdGeom.Points.Define(stage, "/World/elements")
         points.CreateWidthsAttr(Vt.FloatArray.FromNumpy(self._width.astype(np.float32)))
@@ -168,9 +172,15 @@ class UsdWriter:
 
         faceless = [np.full(len(p), p.area is None) for p in packings]
         self._rods = np.concatenate(faceless)[sim.bonds[:, 0]]
-        self._broken = self._define_curves(stage, "broken_bonds", 0.2, (0.85, 0.1, 0.1))
+        self._broken = self._define_curves(stage, "broken_bonds", 0.2, RED)
+        self._crack: UsdGeom.Mesh | None = None
+        if sim.model.features.dim == 3 and sim.model.facet_bonds:
+            self._crack = UsdGeom.Mesh.Define(stage, "/World/crack_faces")
+            self._crack.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+            self._crack.CreateDoubleSidedAttr(True)
+            self._crack.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([RED])
         if self._rods.any():
-            self._bonds = self._define_curves(stage, "bonds", 0.3, (0.5, 0.5, 0.55))
+            self._bonds = self._define_curves(stage, "bonds", 0.3, Gf.Vec3f(0.5, 0.5, 0.55))
         # of the reference state, so that a resumed run has the same
         start = np.concatenate([p.position for p in packings])
         _define_camera(stage, in_space(start), sim.model.features.dim)
@@ -182,14 +192,23 @@ class UsdWriter:
         self._stage = stage
         return stage
 
+    def _ends(self, place: Array, pairs: NDArray[np.int64]) -> Array:
+        """Both ends of bonds (b, 2, 3), of those through a side of a periodic body at its image."""
+        ends = place[pairs]
+        if self._period is not None:
+            edges = self._period[pairs[:, 0]]
+            image = np.rint((ends[:, 1] - ends[:, 0]) / edges)
+            ends[:, 1] -= np.where(np.isfinite(edges), edges, 0.0) * image
+        return ends
+
     def _define_curves(
-        self, stage: Usd.Stage, name: str, share: float, color: tuple[float, float, float]
+        self, stage: Usd.Stage, name: str, share: float, color: Gf.Vec3f
     ) -> UsdGeom.BasisCurves:
         curves = UsdGeom.BasisCurves.Define(stage, f"/World/{name}")
         curves.CreateTypeAttr(UsdGeom.Tokens.linear)
         curves.CreateWidthsAttr([float(share * self._width.mean())])
         curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
-        curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*color)])
+        curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([color])
         return curves
 
     def _write_elements(self, sim: Simulation, place: Array, time: Usd.TimeCode) -> None:
@@ -206,6 +225,35 @@ class UsdWriter:
             self._range = 2.0 * float(np.percentile(shown, 99.0))
         share = shown / self._range if self._range > 0.0 else np.zeros_like(shown)
         self._colors.Set(_vectors(colormaps["viridis"](np.clip(share, 0, 1))[:, :3]), time)
+
+    def _write_faces(
+        self, mesh: UsdGeom.Mesh, sim: Simulation, broken: NDArray[np.int64], time: Usd.TimeCode
+    ) -> None:
+        """Both faces of broken facet bonds: squares of their area, moving with their elements."""
+        packings = [b.packing for b in sim.scene.bodies if b.bond == "facet"]  # stored first
+        bonds = broken[broken < sum(len(p.bonds) for p in packings)]
+        arms = np.concatenate([p.arms for p in packings])[bonds]  # type: ignore[misc]
+        area = np.concatenate([p.area for p in packings])[bonds]  # type: ignore[misc]
+        normal = arms[:, 0] - arms[:, 1]
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
+        one /= np.linalg.norm(one, axis=1, keepdims=True)
+        half = 0.5 * np.sqrt(area)[:, None]
+        one, other = half * one, half * np.cross(normal, one)
+        corners = np.stack([one + other, other - one, -one - other, one - other], axis=1)
+        pairs, place, turn = sim.bonds[bonds], sim.position, sim.orientation
+        points = np.concatenate(
+            [
+                place[own][:, None] + rotated(turn[own][:, None], arms[:, side, None] + corners)
+                for side, own in enumerate(pairs.T)
+            ]
+        ).reshape(-1, 3)
+        mesh.GetPointsAttr().Set(_vectors(points), time)
+        counts = np.full(2 * len(bonds), 4, dtype=np.int32)
+        mesh.GetFaceVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), time)
+        corner = np.arange(8 * len(bonds), dtype=np.int32)
+        mesh.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(corner), time)
+        mesh.GetExtentAttr().Set(_extent(points, np.zeros(len(points))), time)
 
     def _write_curves(self, curves: UsdGeom.BasisCurves, ends: Array, time: Usd.TimeCode) -> None:
         """Straight pieces from `ends` (b, 2, 3)."""
@@ -224,13 +272,14 @@ def _define_camera(stage: Usd.Stage, place: Array, dim: int) -> None:
     camera = UsdGeom.Camera.Define(stage, "/World/camera")
     camera.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
     # it looks along its own -z, its y is up; apertures are tenths of the scene's unit
-    up = 1 if dim == 2 else 2
+    flat = dim == 2 or size[2] < 0.5 * size[:2].min()
+    up = 1 if flat else 2
     camera.CreateHorizontalApertureAttr(12.0 * float(size[0]))
     camera.CreateVerticalApertureAttr(12.0 * float(size[up]))
     camera.CreateClippingRangeAttr(Gf.Vec2f(0.01 * reach, 4.0 * reach))
-    back = np.array([0.0, 0.0, 2.0 * reach] if dim == 2 else [0.0, -2.0 * reach, 0.0])
+    back = np.array([0.0, 0.0, 2.0 * reach] if flat else [0.0, -2.0 * reach, 0.0])
     camera.AddTranslateOp().Set(Gf.Vec3d(*(middle + back).tolist()))
-    if dim == 3:
+    if not flat:
         camera.AddRotateXOp().Set(90.0)
 
 
