@@ -86,6 +86,14 @@ def finite(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = N
     return a
 
 
+def entries(name: str, value: ArrayLike) -> NDArray:
+    """`value` as an array of any kind; rows of unlike lengths are none."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise InputError(f"{name} has rows of unlike lengths; give an array.") from None
+
+
 def positive(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> Array:
     """As `finite`, and greater than zero."""
     a = finite(name, value, shape)

@@ -24,6 +24,7 @@ from .errors import (
     InputError,
     ModelWarning,
     checked,
+    entries,
     finite,
     first_ids,
     first_value,
@@ -818,7 +819,7 @@ class Scene:
     def _selected(self, body: Body, where: ArrayLike) -> NDArray[np.int64]:
         self._own(body)
         n = len(body.packing)
-        chosen = np.atleast_1d(np.asarray(where))
+        chosen = np.atleast_1d(entries("where", where))
         if chosen.dtype == bool:
             if chosen.shape != (n,):
                 raise InputError(f"the mask has shape {chosen.shape}; give one of shape ({n},).")
@@ -897,7 +898,7 @@ def _grains(
             )
         return np.zeros(n, dtype=np.int64)
     try:
-        g = np.asarray(grain)
+        g = entries("grain", grain)
     except ValueError:
         raise InputError(f"grain must be {n} whole numbers, one an element.") from None
     if g.shape != (n,) or g.dtype.kind not in "iub":

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import Array, InputError, checked, finite, first_ids, positive
+from .errors import Array, InputError, checked, entries, finite, first_ids, positive
 from .friction import Friction, rubs
 from .material import Material
 
@@ -106,7 +106,7 @@ class Mesh:
     @checked
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
         self.vertices = finite("vertices", vertices, (None, 3))
-        given = np.asarray(faces)
+        given = entries("faces", faces)
         if (
             given.ndim != 2
             or given.shape[1:] != (3,)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, positive
+from ..errors import Array, InputError, entries, positive
 
 if TYPE_CHECKING:
     from ..scene import Body
@@ -123,7 +123,7 @@ class StressStrain:
 
 
 def _ids(body: Body, where: ArrayLike) -> NDArray[np.int64]:
-    chosen = np.asarray(where)
+    chosen = entries("where", where)
     ids = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
     if len(ids) == 0 or ids.min() < 0 or ids.max() >= len(body.packing):
         raise InputError("a grip or the core is empty, or names elements that are not there.")

@@ -13,6 +13,7 @@ from ..errors import (
     Array,
     InputError,
     checked,
+    entries,
     finite,
     first_ids,
     positive,
@@ -49,8 +50,8 @@ def network(
     """
     x = finite("position", position, (None, None))
     n = len(x)
-    pairs = np.asarray(bonds)
-    numbers = None if ids is None else np.asarray(ids)
+    pairs = entries("bonds", bonds)
+    numbers = None if ids is None else entries("ids", ids)
     if numbers is not None and numbers.shape != (n,):
         raise InputError(f"ids has shape {numbers.shape}; give one for each of {n} elements.")
     if numbers is not None and pairs.size:
@@ -60,8 +61,8 @@ def network(
         volume=_each("volume", volume, n),
         bonds=pairs,
         radius=None if radius is None else _each("radius", radius, n),
-        gyration=None if gyration is None else np.asarray(gyration),
-        axes=None if axes is None else np.asarray(axes),
+        gyration=None if gyration is None else entries("gyration", gyration),
+        axes=None if axes is None else entries("axes", axes),
         ids=numbers,
         plane=plane,
         thickness=thickness,
@@ -149,7 +150,7 @@ def frame(
     """
     x = finite("nodes", nodes, (None, None))
     try:
-        ends = np.asarray(edges)
+        ends = entries("edges", edges)
     except ValueError:
         raise InputError("edges must be pairs of nodes, shape (e, 2).") from None
     if ends.ndim != 2 or ends.shape[1] != 2 or ends.dtype.kind not in "iu":

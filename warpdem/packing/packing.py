@@ -10,7 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, ModelWarning, checked, finite, first_ids, one_of, positive
+from ..errors import (
+    Array,
+    InputError,
+    ModelWarning,
+    checked,
+    entries,
+    finite,
+    first_ids,
+    one_of,
+    positive,
+)
 
 Mask = NDArray[np.bool_]
 SIDES = ("left", "right", "bottom", "top", "back", "front")  # along x, y, z
@@ -75,7 +85,7 @@ class Packing:
             set_(self, "period", _period(self.period, dim))
         self._check_bonds()
         self._check_inertia()
-        ids = np.arange(n) if self.ids is None else np.asarray(self.ids)
+        ids = np.arange(n) if self.ids is None else entries("ids", self.ids)
         if ids.shape != (n,) or ids.dtype.kind not in "iu" or len(np.unique(ids)) < n:
             raise InputError(f"ids must be {n} different integers.")
         set_(self, "ids", ids.astype(np.int64))
@@ -88,7 +98,7 @@ class Packing:
             set_(self, "spacing", float(apart))
 
     def _checked(self, name: str, mask: ArrayLike) -> Mask:
-        side = np.asarray(mask)
+        side = entries(f"side {name!r}", mask)
         if side.shape != (len(self),) or side.dtype != bool:
             raise InputError(f"side {name!r} must be a mask: {len(self)} truth values.")
         return side
@@ -96,7 +106,7 @@ class Packing:
     def _check_bonds(self) -> None:
         n, dim = self.position.shape
         try:
-            bonds = np.asarray(self.bonds)
+            bonds = entries("bonds", self.bonds)
         except ValueError:
             raise InputError("bonds must be pairs of element ids, shape (b, 2).") from None
         if bonds.size == 0:
@@ -203,7 +213,7 @@ class Packing:
     def index(self, ids: ArrayLike) -> NDArray[np.int64]:
         """Places in the order of elements of the user's own ids, as scene.hold takes them."""
         assert self.ids is not None
-        wanted = np.atleast_1d(np.asarray(ids))
+        wanted = np.atleast_1d(entries("ids", ids))
         order = np.argsort(self.ids)
         found = order[np.minimum(np.searchsorted(self.ids, wanted, sorter=order), len(self) - 1)]
         if (self.ids[found] != wanted).any():
@@ -216,7 +226,7 @@ class Packing:
         Faces that met them become free surface, a side named "pores"; ids are kept.
         """
         gone = np.zeros(len(self), dtype=bool)
-        gone[np.asarray(where)] = True
+        gone[entries("where", where)] = True
         if gone.all():
             raise InputError("nothing is left of the packing; leave out fewer elements.")
         place = np.cumsum(~gone) - 1

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import Array, InputError, checked, finite, first_ids, positive
+from ..errors import Array, InputError, checked, entries, finite, first_ids, positive
 
 Point = Sequence[float]
 
@@ -227,7 +227,7 @@ class Mesh:
     def surface(self, step: float) -> Surface:
         """The mesh as it is."""
         x = finite("vertices", self.vertices, (None, 3))
-        t = np.asarray(self.triangles)
+        t = entries("triangles", self.triangles)
         if t.ndim != 2 or t.shape[1] != 3 or t.dtype.kind not in "iu":
             raise InputError("triangles must be rows of vertices, integers of shape (t, 3).")
         bad = ((t < 0) | (t >= len(x))).any(axis=1)
