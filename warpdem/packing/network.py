@@ -157,7 +157,8 @@ def frame(
         raise InputError("edges must be pairs of nodes, integers of shape (e, 2).")
     if ((ends < 0) | (ends >= len(x))).any():
         raise InputError(f"edges name nodes outside 0..{len(x) - 1}.")
-    whole_number("bonds_per_edge", bonds_per_edge, 1)
+    inside = whole_number("bonds_per_edge", bonds_per_edge, 1) - 1
+    check_elements(len(x) + inside * len(ends))
     lone = np.bincount(ends.ravel(), minlength=len(x)) == 0
     if lone.any():
         raise InputError(f"nodes {first_ids(lone)} belong to no edge; leave them out.")
