@@ -4,7 +4,7 @@ from pathlib import Path
 
 from .errors import MOST, InputError
 
-LEAST = 200  # bytes that an element of any packing takes, with its bonds
+LEAST = 400  # bytes that an element of the smallest packings, rods, takes while it is made
 
 
 def host_memory() -> int | None:
