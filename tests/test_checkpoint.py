@@ -221,7 +221,7 @@ OLD = (facets, space, evm, softening, incubating, plastic, breaking_plastic, fin
 MAKES = (*OLD, tools, hertz, ageing, healing, renewing, crossing)
 BREAKING = (facets, space, evm, prony, contact, tools, hertz, ageing, healing)
 LENGTH = {renewing: 260, crossing: 200, healing: 140, hertz: 36}  # steps
-QUICK = {(facets, "float32"), (evm, "mixed"), (contact, "float32")}  # beside float64
+QUICK = {(facets, "float32"), (evm, "mixed")}  # beside float64
 CASES = [
     pytest.param(make, x, id=f"{make.__name__}-{x}",
                  marks=[] if (make, x) in QUICK or (x == "float64" and make is not crossing)

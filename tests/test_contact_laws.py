@@ -256,7 +256,10 @@ def test_walls_have_their_own_rolling_friction():
     assert ways[0] == pytest.approx(2.0 * ways[1], rel=0.01)
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32", "mixed"])
+@pytest.mark.parametrize(
+    "precision",
+    ["float64", *(pytest.param(x, marks=pytest.mark.slow) for x in ("float32", "mixed"))],
+)
 def test_a_turning_wall_rolls_what_it_touches_and_its_work_is_booked(precision):
     # a plate that turns about its own normal and tilts, with a sphere on it that nothing else turns
     scene = wd.Scene()

@@ -149,7 +149,9 @@ def renewing(share=0.3, precision="float64", packing=None, **given):
     return sim, rate
 
 
-@pytest.mark.parametrize("precision", ["float64", "mixed", "float32"])
+@pytest.mark.parametrize(
+    "precision", ["float64", "float32", pytest.param("mixed", marks=pytest.mark.slow)]
+)
 def test_faces_are_renewed_in_every_precision(precision):
     sim, rate = renewing(precision=precision)
     bonds = sim.bonds

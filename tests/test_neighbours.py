@@ -65,7 +65,9 @@ def starts_of(dim, rng):
     }
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32", "mixed"])
+@pytest.mark.parametrize(
+    "precision", ["float64", "float32", pytest.param("mixed", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_pairs_are_those_of_all_against_all(dim, precision):
     rng = np.random.default_rng(5)

@@ -128,11 +128,6 @@ class Arrays(dict[str, wp.array]):
             return wp.float64
         return self._place if name in PLACES else self._real
 
-    @property
-    def bytes(self) -> int:
-        """Device memory of all arrays [B]."""
-        return sum(a.capacity for a in self.values())
-
     def check_room(self, elements: int) -> None:
         """Raise InputError if the device has not the memory for all that waits."""
         needed = 0

@@ -31,11 +31,6 @@ class Patch(dict[str, wp.array]):
         if model.listed_bonds is not None:
             self._grow(dict.fromkeys(LISTS, 1))
 
-    @property
-    def bytes(self) -> int:
-        """Device memory [B]."""
-        return sum(a.capacity for a in self.values())
-
     def _grow(self, sizes: dict[str, int]) -> bool:
         """Make room; whether any list is another array now, which passes are to be bound to."""
         short = [name for name, size in sizes.items() if name not in self or self[name].size < size]

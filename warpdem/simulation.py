@@ -442,8 +442,7 @@ class Simulation:
     @property
     def memory(self) -> dict[str, int]:
         """Device memory of every array by name [B], the largest first."""
-        size = {name: a.capacity for name, a in self._step.arrays.items()}
-        return dict(sorted(size.items(), key=lambda item: -item[1]))
+        return dict(sorted(self._step.memory().items(), key=lambda item: -item[1]))
 
     @property
     def kernels(self) -> list[str]:

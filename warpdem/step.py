@@ -508,10 +508,15 @@ class Step:
         """A copy of a device array in its shape."""
         return self.arrays.take(name)
 
+    def memory(self) -> dict[str, int]:
+        """Device memory of every array by name [B]."""
+        patch = {f"patch_{name}": a for name, a in self._patch.items()}
+        return {name: a.capacity for name, a in (self.arrays | patch).items()}
+
     @property
     def bytes(self) -> int:
         """Device memory of all arrays [B]."""
-        return self.arrays.bytes + self._patch.bytes
+        return sum(self.memory().values())
 
     @property
     def kernels(self) -> list[str]:

@@ -314,14 +314,16 @@ def _even(curve: Curve, bonds: int, closed: bool) -> Array:
             )
 
     t = np.linspace(0.0, 1.0, bonds + 1)
-    like = max(1e-13, bonds * float(np.finfo(float).eps))  # as rounding of t lets chords be
-    for _ in range(200):  # move the parameters until all chords are equal
+    before = np.inf
+    for _ in range(200):  # move the parameters until all chords are equal, as far as rounding lets
         x = point(t)
         chord = np.linalg.norm(np.diff(x, axis=0), axis=1)
         if not chord.min() > 0.0:
             raise InputError("the curve comes to a stand; its points must all differ.")
-        if np.ptp(chord) <= like * chord.mean():
+        uneven = np.ptp(chord)
+        if uneven <= 1e-13 * chord.mean() or uneven >= before:
             break
+        before = uneven
         way = np.concatenate([[0.0], np.cumsum(chord)])
         t = np.interp(np.linspace(0.0, way[-1], bonds + 1), way, t)
     return x[:-1] if closed else x

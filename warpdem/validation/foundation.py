@@ -20,7 +20,7 @@ from .case import Measurement, case
 from .core import facet_body, small_packing, vanishing
 
 
-@case("core")
+@case("core", slow=True)
 def patch_test_precision() -> Iterator[Measurement]:
     """The patch test 40 elements across, at strains from 1e-3 to 1e-8, in float32 and mixed."""
     shapes = {
