@@ -969,6 +969,12 @@ def _fractures(
         )
     between = _checked_pairs(materials, pairs)
     tough = (*given, *between.values())
+    for law in tough:
+        if not isinstance(law, Breaking):
+            raise InputError(
+                f"fracture is {law!r}; give a criterion such as DruckerPrager, one within "
+                "Incubation, DamageRate or LinearSoftening, a Toughness, or None."
+            )
     if bond != "facet" and any(isinstance(law, Toughness) for law in tough):
         raise InputError("a Toughness is for facet bonds; give a criterion its strength.")
 
@@ -1004,7 +1010,9 @@ def _checked_pairs(
 ) -> dict[frozenset[Material], Breaking]:
     """Criteria between pairs of a body's materials, in either order."""
     laws: dict[frozenset[Material], Breaking] = {}
-    for pair, law in (pairs or {}).items():
+    if not isinstance(pairs, Mapping | None):
+        raise InputError("pairs must map pairs of materials, (a, b), to criteria.")
+    for pair, law in () if pairs is None else pairs.items():
         left = list(materials)
         try:
             one, other = pair
@@ -1014,7 +1022,7 @@ def _checked_pairs(
             raise InputError(
                 f"pairs has the key {pair!r}; give pairs of two of the body's materials, (a, b)."
             ) from None
-        if laws.setdefault(frozenset(pair), law) != law:
+        if laws.setdefault(frozenset(pair), law) is not law:
             raise InputError("pairs has two criteria for one pair of materials; give it once.")
     return laws
 
@@ -1026,11 +1034,6 @@ def _check_fracture(
     creep: tuple[ViscousLaw | None, ...],
     fracture: Fracture,
 ) -> None:
-    if not isinstance(fracture, Fracture):
-        raise InputError(
-            f"fracture is {fracture!r}; give a criterion such as DruckerPrager, or one within "
-            "Incubation, DamageRate or LinearSoftening."
-        )
     criterion = criterion_of(fracture)
     if isinstance(criterion, BeamLimit):
         if not isinstance(bond, EVMBond):
