@@ -211,8 +211,8 @@ def ran(sim):
         assert np.isfinite(value).all()
 
 
-ADDED = {"bond": "facet", "fracture": None, "pairs": None, "volume": None, "grain": None, "facet_bending": False,
-         "finite_strain": False, "material": STEEL}  # fmt: skip
+ADDED = {"bond": "facet", "fracture": None, "pairs": None, "volume": None, "grain": None,
+         "facet_bending": False, "finite_strain": False, "material": STEEL}  # fmt: skip
 MADE = {"precision": "float64", "device": "cpu", "dt": None, "force_dt": False,
         "local_damping": 0.0, "trouble": "warn", "simd": True, "threads": 1}  # fmt: skip
 
