@@ -187,7 +187,16 @@ def spall(found: dict[str, Any]) -> list[str]:
         [name, f"{c['over_LAMMPS']['median']:.2f}", str(c["broken"]), str(c["fragments"])]
         for name, c in found["codes"].items()
     ]
-    return lines + table(["code", "over LAMMPS", "bonds broken", "fragments"], rows)
+    lines += table(["code", "over LAMMPS", "bonds broken", "fragments"], rows)
+    lines += ["Share of its time that each code spends in a pass, on one core:", ""]
+    shares = {"LAMMPS": found["LAMMPS shares"], **found["shares of one thread"]}
+    rows = [
+        [code, ", ".join(f"{name.replace('_', ' ')} {share:.0%}"
+                         for name, share in sorted(own.items(), key=lambda x: -x[1])
+                         if share >= 0.01)]
+        for code, own in shares.items()
+    ]  # fmt: skip
+    return lines + table(["code", "passes"], rows)
 
 
 def start(found: dict[str, Any]) -> list[str]:
