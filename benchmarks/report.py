@@ -164,17 +164,14 @@ def speed_vs_error(found: dict[str, Any]) -> list[str]:
 def peers(found: dict[str, Any]) -> list[str]:
     lines = ["## Beside LAMMPS", "", machine(found["machine"]), ""]
     first = next(iter(found["cases"].values()))["codes"]
-    equal = all("over_LAMMPS_on_as_many" in c for c in first.values())
-    cores = "as many cores" if equal else "one core"
-    lines += [f"Element-steps a second over those of LAMMPS on {cores}, median (least to "
+    lines += ["Element-steps a second over those of LAMMPS on as many cores, median (least to "
               f"greatest) of {found['rounds']} rounds.", ""]  # fmt: skip
     codes = list(first)
     rows = []
     for name, case in found["cases"].items():
         cells = []
         for code in codes:
-            r = case["codes"][code].get("over_LAMMPS_on_as_many")
-            r = r or case["codes"][code]["over_LAMMPS"]
+            r = case["codes"][code]["over_LAMMPS_on_as_many"]
             cells.append(f"{r['median']:.1f} ({r['least']:.1f} to {r['greatest']:.1f})")
         rows.append([name, f"{case['elements']:,}", *cells])
     return lines + table(["body", "elements", *codes], rows)
