@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import peer
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 import warpdem as wd
 from warpdem.benchmark import work
@@ -193,6 +194,10 @@ def draw(path: Path, cases: dict[str, dict[str, Any]]) -> None:
             )  # fmt: skip
         ax.set(title=case["title"], xlabel="processor seconds", ylabel=case["error"])
         ax.grid(alpha=0.3, which="both", lw=0.4)
+        for axis in (ax.xaxis, ax.yaxis):  # labels that do not run into each other
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
         ax.legend(fontsize=7)
     with whole(path) as part:
         fig.savefig(part, dpi=110)
