@@ -307,7 +307,7 @@ def test_what_is_spoilt_was_sound(function):
 
 
 @pytest.mark.filterwarnings("ignore::warpdem.ModelWarning")
-@pytest.mark.parametrize("make", [plate, solid])
+@pytest.mark.parametrize("make", [plate, pytest.param(solid, marks=pytest.mark.slow)])
 def test_the_scenes_that_are_spoilt_were_sound(make):
     packing = make()
     for method, arguments in every(BODY, packing).items():

@@ -152,7 +152,7 @@ def test_a_trial_goes_on_from_its_checkpoint_to_the_same_files(tmp_path):
 # -- spring sliders -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", ["aging", "slip"])
+@pytest.mark.parametrize("law", ["aging", pytest.param("slip", marks=pytest.mark.slow)])
 def test_sliders_swing_up_below_the_critical_stiffness_and_down_above(law, tmp_path):
     result = spring_slider(SpringSlider(law=law, rate=3e-2, swings=3.0), out=tmp_path)
     assert result.soft_growth > 1.1

@@ -589,7 +589,7 @@ def finite_strain_renewed_bar() -> Iterator[Measurement]:
             yield vanishing(f"{told}: ledger over the energy dissipated", "B13", error, 1e-6)
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_necking() -> Iterator[Measurement]:
     """Bars with a power law of hardening, pulled at both ends until they neck (Considere)."""
     modulus = 0.014

@@ -118,7 +118,7 @@ def rock_material_point() -> Iterator[Measurement]:
         yield Measurement(what, exact, "Shilko eq. 14", found, error, 2e-4)
 
 
-@case("fracture")
+@case("fracture", slow=True)
 def rock_strength_ratio() -> Iterator[Measurement]:
     """A plate of random cells with scattered strengths in plane stress, pulled and pressed."""
     yield from _ratio("Voronoi, plane stress", Specimen(**PLATE))
