@@ -969,10 +969,10 @@ def _fractures(
         )
     between = _checked_pairs(materials, pairs)
     tough = (*given, *between.values())
-    for law in tough:
-        if not isinstance(law, Breaking):
+    for wanted in tough:
+        if not isinstance(wanted, Breaking):
             raise InputError(
-                f"fracture is {law!r}; give a criterion such as DruckerPrager, one within "
+                f"fracture is {wanted!r}; give a criterion such as DruckerPrager, one within "
                 "Incubation, DamageRate or LinearSoftening, a Toughness, or None."
             )
     if bond != "facet" and any(isinstance(law, Toughness) for law in tough):

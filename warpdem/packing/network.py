@@ -88,14 +88,20 @@ def filament(
     which costs a few times more in motion. Sides: "start" and "end" of an open rod.
     """
     check_elements(whole_number("bonds", bonds, 3 if closed else 1))
-    x = _even(curve, bonds, closed)
+    return _chain(_even(curve, bonds, closed), bonds, section, plane, rod_inertia)
+
+
+def _chain(
+    x: Array, bonds: int, section: Section, plane: str | None, rod_inertia: bool = False
+) -> Packing:
+    """A rod through points (n, dim), whose last is joined to the first if there are n bonds."""
     n, dim = x.shape
     pairs = np.stack([np.arange(bonds), np.arange(1, bonds + 1) % n], axis=1)
     plane = plane if dim == 3 or plane is not None else "stress"
-    sides = {} if closed else {"start": np.arange(n) == 0, "end": np.arange(n) == n - 1}
+    ends = {"start": np.arange(n) == 0, "end": np.arange(n) == n - 1}
     if rod_inertia and dim == 2:
         raise InputError("rods of the plane do not twist; leave rod_inertia out.")
-    return _rods(x, pairs, section, plane, rod_inertia, sides)
+    return _rods(x, pairs, section, plane, rod_inertia, {} if bonds == n else ends)
 
 
 @checked
@@ -107,12 +113,12 @@ def helix(
     positive("turns", turns, ())
     finite("pitch", pitch, ())
     whole_number("bonds_per_turn", bonds_per_turn, 1, int(MOST / max(turns, 1.0)))
-    bonds = round(turns * bonds_per_turn)
+    bonds = whole_number("the number of bonds", round(turns * bonds_per_turn), 1)
     check_elements(bonds)
     angle = 2.0 * pi * turns * np.linspace(0.0, 1.0, bonds + 1)
     rise = pitch * angle / (2.0 * pi)
     x = np.stack([radius * np.cos(angle), radius * np.sin(angle), rise], axis=1)
-    return filament(x, bonds, section)
+    return _chain(x, bonds, section, None)
 
 
 @checked
@@ -131,8 +137,7 @@ def ring(
     x = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if plane is None:
         x = np.concatenate([x, np.zeros((bonds, 1))], axis=1)
-    pairs = np.stack([np.arange(bonds), (np.arange(bonds) + 1) % bonds], axis=1)
-    return _rods(x, pairs, section, plane, rod_inertia, {})
+    return _chain(x, bonds, section, plane, rod_inertia)
 
 
 @checked
