@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import warpdem as wd
+from warpdem import room
 from warpdem.validation import core
 
 CLEAR = (wd.InputError, wd.NonFiniteError, wd.NotConvergedError, wd.TooFastError)
@@ -38,6 +39,15 @@ ODD += [np.full((5, 2), nan), np.array([2**62, -(2**62)]), [10**9], [-1], [0.5],
 ODD += [[1e300, 1e300], [1e300, 1e300, 1e300], [0.0, 0.0], [0.0, 0.0, 0.0], lambda *_: nan, len]
 junk = st.sampled_from(NUMBERS) | st.sampled_from(ODD) | st.floats() | st.integers()
 junk |= st.lists(st.floats(), max_size=4) | st.text(max_size=4)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _little_room():
+    """A machine for a few hundred thousand elements: what it takes is made in seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(room, "host_memory", lambda: 10**8)
+        yield
+
 
 STEEL = wd.Material(1.0, 0.3, 1.0)
 
