@@ -583,7 +583,7 @@ def test_five_runs_of_a_scene_are_one():
     assert len(seen) == 1
 
 
-@pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
+@pytest.mark.usefixtures("two_threads")
 @pytest.mark.parametrize(
     ("plate", "precision"),
     [

@@ -302,7 +302,7 @@ def test_mode_i_by_toughness_and_overload():
     """The Griffith load of a strip: its energy ahead, integrated over the height, is G_c."""
     p = wd.experiments.ModeI(toughness=0.7e6, overload=1.0)
     glass = p.material
-    free = p.height - 2.0 * sqrt(3.0) * p.d  # two rows are gripped on either side
+    free = p.height - 2.0 * sqrt(3.0) * p.distance  # two rows are gripped on either side
     stress = (glass.lame("strain") + 2.0 * glass.shear_modulus) * p.load
     assert 0.5 * stress * p.load * free == pytest.approx(0.7e6**2 / glass.plane_modulus())
     twice = wd.experiments.ModeI(toughness=0.7e6, overload=2.0)

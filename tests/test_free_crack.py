@@ -10,8 +10,8 @@ import pytest
 from pxr import Usd
 
 import warpdem as wd
-from warpdem.experiments.free_crack import FILES, crack_at
-from warpdem.experiments.john_shah import MIDSPAN, failure
+from warpdem.experiments.free_crack import FILES, CrackRun, crack_at
+from warpdem.experiments.john_shah import MIDSPAN
 from warpdem.observe.growth import find_branches, path_angle
 
 
@@ -141,7 +141,8 @@ def test_a_beam_fails_from_the_first_crack_that_comes_through():
         cracks = find_branches(rows[:, :2], rows[:, 2], 4e-3, 12e-3)
         log = np.rec.fromarrays(rows.T, names="x,y,time")
         crack = SimpleNamespace(log=log, branches=lambda found=cracks: found)
-        found = failure(crack_at(cracks, (0.05, 0.019), 6e-3), {}, crack, None)
+        own = crack_at(cracks, (0.05, 0.019), 6e-3)
+        found = wd.experiments.JohnShah().measure(CrackRun(own, {}, crack, None))
         assert found["fails_from"] == ("nothing" if place is None else "midspan")
         assert found["failure_time"] == pytest.approx(time, abs=1e-3, nan_ok=True)
         assert found["angle_degrees"] == pytest.approx(90.0)

@@ -1,5 +1,7 @@
 """Loads that change with time, body forces, absorbing sides, servos, probes, fields, materials."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -208,6 +210,12 @@ def test_faces_of_their_own_in_uniform_strain(name, limit):
         (lambda s, b, p: s.pull(b, p.top, (0, 1), history=([1, 0], [0, 1])), "times must grow"),
         (lambda s, b, p: s.pull(b, p.top, (0, 1), history=3.0), "function of time"),
         (lambda s, b, p: s.pull(b, p.top, (0, 1), history=lambda t: np.nan), "not finite"),
+        (lambda s, b, p: s.pull(b, p.top, (0, 1), history=len), "fails at time 0 with TypeError"),
+        (lambda s, b, p: (s.contact(), s.wall([0, -1], [0, 1], path=len)), "path fails at time 0"),
+        (lambda s, b, p: s.absorb(b, [[0], [1, 2]]), "where has rows of unlike lengths"),
+        (lambda s, b, p: s.add(p, ROCK, fracture=np.zeros((0, 2))), "give a criterion such as"),
+        (lambda s, b, p: s.add(p, ROCK, pairs=[1]), "pairs must map"),
+        (lambda s, b, p: replace(p, period=["a", "b"]), "period must be 2 numbers"),
         (lambda s, b, p: s.absorb(b, [40]), "no free surface"),
         (lambda s, b, p: s.servo(b, p.top, 1.0, "x", 1.0), "does not face along x"),
         (lambda s, b, p: s.servo(b, p.top, 1.0, "y", -1.0), "speed must be greater"),

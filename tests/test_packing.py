@@ -1,9 +1,12 @@
+import resource
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import warpdem as wd
+from warpdem import room
 
 
 @pytest.mark.parametrize(
@@ -127,6 +130,7 @@ def test_what_cannot_repeat_along_some_axes_is_refused():
         ({"bonds": [[0, 1], [1, 0]]}, "bonds 1 join pairs that earlier bonds join"),
         ({"bonds": [[0, 1], [1, 3]]}, "bonds 1 name elements outside 0..2"),
         ({"bonds": [[0.5, 1]]}, "integers"),
+        ({"bonds": [[0], [1, 2]]}, "bonds has rows of unlike lengths"),
         ({"volume": [1, 0, 1]}, "volume must be greater than zero at 1"),
         ({"radius": -1.0}, "radius must be greater than zero at 0, 1, 2"),
         ({"plane": "strian"}, "'strain', 'stress'"),
@@ -148,6 +152,42 @@ def test_faces_that_do_not_close_are_refused():
     wrong[inner] *= 1.01
     with pytest.raises(wd.InputError, match=f"faces of elements {inner} do not enclose"):
         wd.Packing(p.position, wrong, p.bonds, p.area, p.arms, plane="strain")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda p: p.voronoi((4.0, 3.0), 1e-300),
+        lambda p: p.hexagonal((1.0, 1.0), 1e-6),
+        lambda p: p.fcc((1e300, 3.0, 3.0), 1e-300),
+        lambda p: p.fcc((1e300, 3.0, 3.0), 1e-300, periodic=True),
+        lambda p: p.honeycomb((1e300, 3.0), 1e-300, 1.0),
+        lambda p: p.filament([[0.0, 0.0], [1.0, 0.0]], 10**9, wd.Circle(0.1)),
+        lambda p: p.helix(1.0, 1.0, 1e7, 50, wd.Circle(0.1)),
+        lambda p: p.ring(1.0, 10**9, wd.Circle(0.1)),
+        lambda p: p.frame([[0.0, 0.0], [1.0, 0.0]], [[0, 1]], wd.Circle(0.1), 10**9),
+    ],
+)
+def test_bodies_without_room_are_refused_before_they_are_made(make, monkeypatch):
+    monkeypatch.setattr(room, "host_memory", lambda: 10**9)
+    with pytest.raises(wd.InputError, match=r"at most 2\.0e\+06 fit into the memory"):
+        make(wd.packing)
+
+
+def test_room_is_what_a_limit_on_the_process_leaves(monkeypatch):
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    most = used + 10**8
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (most, most))
+    assert 0 < room.host_memory() < 2 * 10**8
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (1, 1))
+    assert room.host_memory() == 0
+
+
+@pytest.mark.parametrize("periodic", [2.5, None, "", "xw", object()])
+def test_what_names_no_axes_is_refused(periodic):
+    for make, size in ((wd.packing.fcc, (3.0,) * 3), (wd.packing.voronoi, (3.0, 3.0))):
+        with pytest.raises(wd.InputError, match=r"periodic is .*; give True"):
+            make(size, 1.0, periodic=periodic)
 
 
 @pytest.mark.parametrize("make", [wd.packing.hexagonal, wd.packing.voronoi])

@@ -9,7 +9,8 @@ from math import inf
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom, UsdValidation
+from pxr import UsdGeom
+from stages import opened
 
 import warpdem as wd
 from warpdem.experiments import (
@@ -248,9 +249,7 @@ def test_compression_writes_whole_files(pressed):
 
 def test_scene_of_a_test_is_valid_and_shows_its_breaking(pressed):
     result, out, _ = pressed
-    stage = Usd.Stage.Open(str(out / "scene.usd"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    stage = opened(out / "scene.usd")
     curves = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/broken_bonds"))
     counts = [
         len(curves.GetCurveVertexCountsAttr().Get(frame))

@@ -6,7 +6,7 @@ import pytest
 import warpdem as wd
 from warpdem import passes
 
-pytestmark = pytest.mark.skipif(passes.cores() < 2, reason="this machine has one core")
+pytestmark = pytest.mark.usefixtures("two_threads")
 
 
 def breaking_plate(threads, precision="float64"):

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 from PIL import Image
-from pxr import Gf, Usd, UsdGeom, UsdValidation
+from pxr import Gf, Usd, UsdGeom
+from stages import opened
 
 import warpdem as wd
 from warpdem.validation import core
@@ -23,12 +24,7 @@ def scene_file(tmp_path_factory):
 
 
 def test_validator_finds_nothing(scene_file):
-    stage = Usd.Stage.Open(str(scene_file[0]))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    found = UsdValidation.ValidationContext(validators).Validate(stage)
-    assert validators
-    errors = [e.GetMessage() for e in found]
-    assert not errors, errors
+    opened(scene_file[0])
 
 
 def test_reading_back_gives_the_simulation(scene_file):
@@ -154,9 +150,7 @@ def test_a_take_shows_what_its_single_file_does(scene_file, tmp_path):
     film = sim.observe(wd.UsdWriter(tmp_path / "body.usd", every=40, single=False))
     sim.run(steps=120)
     assert [f.name for f in tmp_path.iterdir()] == ["body.take"]
-    take = Usd.Stage.Open(str(film.take / "root.usda"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert not UsdValidation.ValidationContext(validators).Validate(take)
+    take = opened(film.take / "root.usda")
     single = Usd.Stage.Open(str(scene_file[0]))
     assert take.GetEndTimeCode() == single.GetEndTimeCode() == 3
     compared = 0
@@ -179,9 +173,7 @@ def test_bonds_of_a_network_are_curves(tmp_path):
     sim = wd.Simulation(scene)
     sim.observe(wd.UsdWriter(tmp_path / "rod.usd", every=10))
     sim.run(steps=20)
-    stage = Usd.Stage.Open(str(tmp_path / "rod.usd"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    stage = opened(tmp_path / "rod.usd")
     curves = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/bonds"))
     assert list(curves.GetCurveVertexCountsAttr().Get(2)) == [2] * len(rod.bonds)
     ends = np.array(curves.GetPointsAttr().Get(2)).reshape(-1, 2, 3)
@@ -201,9 +193,7 @@ def test_a_crack_in_a_slab_that_repeats(tmp_path):
     sim = wd.Simulation(scene)
     sim.observe(wd.UsdWriter(tmp_path / "slab.usd", every=10))
     sim.run(steps=20)
-    stage = Usd.Stage.Open(str(tmp_path / "slab.usd"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    stage = opened(tmp_path / "slab.usd")
     curves = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/broken_bonds"))
     ends = np.array(curves.GetPointsAttr().Get(2)).reshape(-1, 2, 3)
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == pytest.approx(1.0, abs=0.1)

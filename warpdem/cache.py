@@ -52,10 +52,10 @@ def _load(module: Any, device: Any, block_dim: int | None = None, *more: Any, **
         if not there:
             _refuse(wp.config.kernel_cache_dir, error)
         found = None
-    except Exception:  # Warp raises no narrower one for files that it cannot load
+    except Exception:  # of files that it cannot load Warp raises whatever their reader does
         if not there:
             raise
-        found = None
+        found = None  # built anew below, where what is not the files' fault is raised again
     if found is None:
         shutil.rmtree(where, ignore_errors=True)
         found = load()

@@ -31,10 +31,6 @@ from .errors import (
 )
 from .experiments import ModeIIResult, ModeIResult, Result
 from .experiments.described import EXPERIMENTS, Experiment, read_given, write_given
-from .experiments.free_crack import FILES as FREE_CRACK_FILES
-from .experiments.mode_i import FILES as MODE_I_FILES
-from .experiments.mode_ii import FILES as MODE_II_FILES
-from .experiments.rock import FILES as ROCK_FILES
 from .experiments.rock import Rig, Rock, RockResult
 from .experiments.shared import CHECKPOINT, start_record
 from .observe import CrackTracker
@@ -115,17 +111,16 @@ def experiment(
     title: str,
     parameters: type,
     function: Callable[..., Result],
-    files: tuple[str, ...],
     progress: Callable[[Any, Any], Observer],
     closing: Callable[[Any], list[str]],
 ) -> None:
     """Make an experiment a command whose options are the fields of its parameters, and known.
 
-    files: what it writes; progress: makes the observer that shows how far it is, of the parameters
-    and of what the experiment hands to `observers`; closing: lines about the result.
+    progress: makes the observer that shows how far it is, of the parameters and of what the
+    experiment hands to `observers`; closing: lines about the result.
     """
 
-    told = Experiment(name, title, parameters, function, files)
+    told = Experiment(name, title, parameters, function)
     EXPERIMENTS[name] = told
 
     def run_it(
@@ -155,7 +150,8 @@ def experiment(
         out: Path, threads: int, checkpoint_every: float, goes_on: Start, **given: Any
     ) -> None:
         """The experiment in a folder of its own, with checkpoints."""
-        record = start_record(name, told.build(given), given["precision"], given["device"])
+        chosen = told.build(given)
+        record = start_record(name, chosen, given["precision"], given["device"])
         record["given"] = write_given(given)
         if checkpoint_every < 0.0:
             raise InputError(f"checkpoint-every is {checkpoint_every:g} s; give 0 or more.")
@@ -183,7 +179,7 @@ def experiment(
             f"{result.element_steps_per_second / 1e6:.1f} million element-steps/s; "
             f"{result.seconds:.0f} s in all"
         )
-        console.print(f"written to {out}: {' '.join(f for f in files if (out / f).exists())}")
+        console.print(f"written to {out}: {' '.join(chosen.files)}")
 
     CONDUCTS[name] = conduct
 
@@ -321,7 +317,6 @@ experiment(
     "mode I crack in a strained plate",
     experiments.ModeI,
     experiments.mode_i,
-    MODE_I_FILES,
     _crack_progress,
     _crack_closing,
 )
@@ -353,7 +348,6 @@ experiment(
     "mode II crack in a sheared plate",
     experiments.ModeII,
     experiments.mode_ii,
-    MODE_II_FILES,
     _shear_progress,
     _shear_closing,
 )
@@ -401,7 +395,6 @@ for _parameters, _function in (
         _parameters.title.lower(),
         _parameters,
         _function,
-        ROCK_FILES,
         _load_progress,
         _rock_closing,
     )
@@ -429,7 +422,6 @@ for _trial, _make in (
         _trial.title.lower(),
         _trial,
         _make,
-        _trial.files,
         lambda _, stage: _time_progress(stage.until),
         lambda result: result.told,
     )
@@ -447,7 +439,6 @@ for _kind, _run in (
         _kind.title,
         _kind,
         _run,
-        FREE_CRACK_FILES,
         lambda p, _: _time_progress(p.duration),
         lambda result: result.told,
     )

@@ -130,13 +130,6 @@ def whole_number(name: str, value: object, least: int = 0, most: int = MOST) -> 
     return number
 
 
-def rounded(name: str, value: float) -> int:
-    """The nearest whole number of things, unless there are more than can be."""
-    if not value < MOST:
-        raise InputError(f"{name} would be {value:.3g}; at most {MOST:.0e} can be.")
-    return round(value)
-
-
 def first_value(name: str, function: Callable[[float], Any]) -> Any:
     """What a function of time that a user gives is at time 0."""
     try:

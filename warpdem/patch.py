@@ -8,6 +8,7 @@ from .model import Model
 from .passes import Part
 
 LISTS = ("rows", "bonds", "elements", "near_bonds", "near_elements")
+ENERGIES = {"bonds": "linked_energy", "near_elements": "integrator_energy"}  # beside lists
 LEAST = 256  # entries of a list that has grown
 
 
@@ -22,6 +23,7 @@ class Patch(dict[str, wp.array]):
 
     def __init__(self, model: Model, real: type, device: str) -> None:
         super().__init__()
+        self._views: dict[str, NDArray] = {}  # on a CPU, of the same memory
         self._model, self._real, self._device = model, real, device
         f = model.features
         # forces on an element's other bonds change as well where its volume has an energy
@@ -37,10 +39,18 @@ class Patch(dict[str, wp.array]):
         for name in short:
             size = max(2 * sizes[name], LEAST)
             self[name] = wp.zeros(size, dtype=wp.int32, device=self._device)
-            energy = {"bonds": "linked_energy", "near_elements": "integrator_energy"}.get(name)
+            energy = ENERGIES.get(name)
             if energy is not None:
                 self[energy] = wp.zeros(size, dtype=self._real, device=self._device)
+        if short and wp.get_device(self._device).is_cpu:
+            self._views = {name: array.numpy() for name, array in self.items()}
         return bool(short)
+
+    def integrator_energy(self) -> float:
+        """Of the elements near the bonds [J]."""
+        name = "integrator_energy"
+        energy = self._views[name] if name in self._views else self[name].numpy()
+        return float(energy[: self.near_elements.count].sum(dtype=np.float64))
 
     def fill(self, rows: NDArray[np.intp]) -> bool:
         """Of the bonds of these rows of the listed ones, in order; whether arrays had to grow."""
@@ -77,8 +87,8 @@ class Patch(dict[str, wp.array]):
         return near, self._ends(near)
 
     def _write(self, name: str, ids: NDArray) -> None:
-        if self[name].device.is_cpu:
-            self[name].numpy()[: len(ids)] = ids
+        if name in self._views:
+            self._views[name][: len(ids)] = ids
         elif len(ids):
             given = wp.array(ids.astype(np.int32), device=self._device)
             wp.copy(self[name], given, count=len(ids))

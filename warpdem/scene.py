@@ -897,10 +897,7 @@ def _grains(
                 f"{len(materials)} materials need grain: which one each element is of."
             )
         return np.zeros(n, dtype=np.int64)
-    try:
-        g = entries("grain", grain)
-    except ValueError:
-        raise InputError(f"grain must be {n} whole numbers, one an element.") from None
+    g = entries("grain", grain)
     if g.shape != (n,) or g.dtype.kind not in "iub":
         raise InputError(f"grain has shape {g.shape}; give ({n},) whole numbers.")
     bad = (g < 0) | (g >= len(materials))

@@ -1180,8 +1180,7 @@ class Step:
 
     def _near_integrator_energy(self) -> float:
         self._near_integrator.launch()
-        energy = self._patch["integrator_energy"].numpy()
-        return float(energy[: self._patch.near_elements.count].sum(dtype=np.float64))
+        return self._patch.integrator_energy()
 
     def _raised(self, name: str) -> bool:
         """Whether a pass raised a flag; lowers it."""

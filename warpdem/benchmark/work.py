@@ -288,7 +288,7 @@ def crack_speed(refine: float, precision: str = "float64") -> Point:
     """The mode I crack, its spacing divided: speed over Rayleigh's. Its error is against the finest
     run, so that it is not known here."""
     given = ModeI()
-    spacing = given.d / refine
+    spacing = given.distance / refine
     assert given.strength is not None
     coarse = replace(given, spacing=spacing, strength=given.strength * sqrt(refine))
     clock = Clock()

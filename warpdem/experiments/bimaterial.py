@@ -13,21 +13,33 @@ from .. import packing
 from ..criteria import MixedMode, Rankine
 from ..errors import Array, InputError, one_of, positive
 from ..material import Material
-from ..observe import CrackTracker
-from ..observe.growth import Branch, window_speeds
+from ..observe.growth import window_speeds
 from ..packing import Mask, Packing
 from ..scene import Body, Scene
-from ..simulation import Simulation
 from ..toughness import Toughness, local_spacing
-from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
-from .shared import Options, guard
+from .free_crack import (
+    GRIP_LAYERS,
+    PACKINGS,
+    CrackRun,
+    Expected,
+    FreeCrack,
+    FreeCrackResult,
+    free_crack,
+    grip,
+)
+from .shared import Options
 
 PATHS = ("along", "across")
 SIZE = (0.04, 0.02)  # m
-GRIP_LAYERS, GUARD_LAYERS = 2, 2
 STEEL = {"young": 208e9, "poisson": 0.3, "density": 7830.0}
 FAR = 8.0  # spacings that a crack has gone along or beyond an interface when its way is told
 END = SIZE[0] - 0.5 * SIZE[1]  # m: beyond it the free end of the strip is felt
+
+NOTHING: dict[str, Any] = {  # of a crack that did not start
+    "way": "stopped", "speed_over_rayleigh": nan, "debonded_spacings": 0.0,
+    "penetrated_spacings": 0.0, "deflection": nan, "interface_energy": nan, "bulk_energy": nan,
+    "energy_ratio": nan,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,8 +53,8 @@ class Bimaterial(FreeCrack):
     PMMA again across one. Random cells are mirrored at the interface, so that it is flat. A bond
     breaks by its greatest principal stress, at the interface by the traction on the face, at
     strengths that fracture energies give (`Toughness`), the interface's the same in opening and
-    sliding. The load is `overload` times that of
-    Griffith, at which the energy ahead is the interface's (along) or the first material's (across).
+    sliding. The load is `overload` times that of Griffith, at which the energy ahead is the
+    interface's (along) or the first material's (across).
     """
 
     path: Annotated[str, f"Of the notch to the interface: {', '.join(PATHS)}."] = "along"
@@ -157,10 +169,7 @@ class Bimaterial(FreeCrack):
         if self.is_along:
             strain = self.stress / body.pressure_modulus
         body.displacement[:, 1] = strain * (plate.position[:, 1] - self.tip[1])
-        grips = [plate.side(side, GRIP_LAYERS) for side in ("bottom", "top")]
-        for grip in grips:
-            scene.hold(body, grip)
-        guard(body, grips[0] | grips[1], GUARD_LAYERS)
+        grip(scene, body)
         return scene, body
 
     @property
@@ -175,6 +184,57 @@ class Bimaterial(FreeCrack):
         sides = ("below", "above") if self.is_along else ("on the left", "on the right")
         each = (f"{m.young / 1e9:.3g} GPa {x}" for m, x in zip(both, sides, strict=True))
         return Expected(notches, {"interface: E " + ", ".join(each): line}, levels)
+
+    def measure(self, run: CrackRun) -> dict[str, Any]:
+        """How fast the crack was, which way it went, and what energy that took."""
+        body, log = run.sim.scene.bodies[0], run.crack.log
+        strip = self.fracture_energy * self.overload**2
+        if self.is_along:
+            strip *= self.interface_toughness
+        found = NOTHING | {"strip_energy": strip}
+        if not len(log):
+            return found
+        assert body.packing.area is not None
+        joins = body.grain[log["i"]] != body.grain[log["j"]]
+        if joins.any():
+            area = body.packing.area[log["bond"][joins]]
+            found["interface_energy"] = float(log["released_energy"][joins].sum() / area.sum())
+        if self.is_along:
+            speed = self._speed(log[joins]) / run.numbers["rayleigh_speed"]
+            gone = float(joins.sum())
+            return found | {"way": "along", "speed_over_rayleigh": speed, "debonded_spacings": gone}
+        found |= self._across(log, joins)
+        before = log["released_energy"][~joins & (log["x"] < 0.5 * SIZE[0])]
+        reach = (0.5 * SIZE[0] - self.tip[0]) * body.packing.thickness
+        found["bulk_energy"] = float(before.sum()) / reach
+        return found | {"energy_ratio": found["interface_energy"] / found["bulk_energy"]}
+
+    def _speed(self, log: NDArray[np.void]) -> float:
+        """Along the interface [m/s], by a robust fit to its breaks in the last half of the way."""
+        start = 0.5 * (self.tip[0] + END)
+        window = 0.95 * (END - start)  # the last bond lies before the end
+        _, speed = window_speeds(log["x"], log["time"], window, start)
+        return float(speed[0]) if len(speed) else nan
+
+    def _across(self, log: NDArray[np.void], joins: Mask) -> dict[str, Any]:
+        """Which way a crack across the interface went, and how far along it and beyond it."""
+        before = log[~joins & (log["x"] < 0.5 * SIZE[0])]
+        met = before["y"][np.argmax(before["x"])] if len(before) else nan  # the nearest to it
+        spacings = {
+            "deflected": np.where(joins, np.abs(log["y"] - met), 0.0) / self.spacing,
+            "through": np.where(joins, 0.0, log["x"] - 0.5 * SIZE[0]) / self.spacing,
+        }
+        when = {w: log["time"][x >= FAR].min(initial=inf) for w, x in spacings.items()}
+        way = min(when, key=lambda w: when[w])
+        along, beyond = (x.max(initial=0.0) for x in spacings.values())
+        early = log["time"] <= when[way]
+        then = [x.max(initial=0.0, where=early) for x in spacings.values()]
+        return {
+            "way": way if np.isfinite(when[way]) else "stopped",
+            "debonded_spacings": float(along),
+            "penetrated_spacings": float(beyond),
+            "deflection": float(then[0] / max(sum(then), 1e-9)),
+        }
 
 
 @dataclass
@@ -226,78 +286,4 @@ def bimaterial(
 
     options: `shared.Options`.
     """
-    p = parameters or Bimaterial()
-
-    def measure(
-        own: list[Branch], numbers: dict[str, Any], crack: CrackTracker, sim: Simulation
-    ) -> dict[str, Any]:
-        body = sim.scene.bodies[0]
-        log, plate = crack.log, body.packing
-        strip = p.fracture_energy * p.overload**2
-        if p.is_along:
-            strip *= p.interface_toughness
-        found: dict[str, Any] = {"strip_energy": strip}
-        if not len(log):
-            return found | _nothing()
-        assert plate.area is not None
-        joins = body.grain[log["i"]] != body.grain[log["j"]]
-        energy, area = log["released_energy"], plate.area[log["bond"]]
-        taken = float(energy[joins].sum() / area[joins].sum()) if joins.any() else nan
-        bulk, times = nan, {}
-        middle, d = 0.5 * SIZE[0], p.spacing
-        gone, deflection = np.zeros(2), nan
-        if p.is_along:
-            times["along"] = 0.0
-        else:
-            before = ~joins & (log["x"] < middle)
-            reach = middle - p.tip[0]
-            bulk = float(energy[before].sum()) / (reach * plate.thickness)
-            ways = {
-                "deflected": joins * np.abs(log["y"] - _height(log, before)),
-                "through": ~joins * (log["x"] - middle),
-            }
-            times = {
-                way: float(log["time"][far >= FAR * d].min(initial=inf))
-                for way, far in ways.items()
-            }
-            early = log["time"] <= min(times.values())
-            gone, then = (
-                np.array([w.max(initial=0.0, where=at) for w in ways.values()]) / d
-                for at in (early | True, early)
-            )
-            deflection = float(then[0] / max(then.sum(), 1e-9))
-        first = min(times, key=lambda way: times[way])
-        speed = _along(log, joins, p) if p.is_along else nan
-        return found | {
-            "way": first if np.isfinite(times[first]) else "stopped",
-            "speed_over_rayleigh": speed / numbers["rayleigh_speed"],
-            "debonded_spacings": float(joins.sum() if p.is_along else gone[0]),
-            "penetrated_spacings": float(gone[1]),
-            "deflection": deflection,
-            "interface_energy": taken,
-            "bulk_energy": bulk,
-            "energy_ratio": taken / bulk,
-        }
-
-    return free_crack(p, BimaterialResult, measure, **options)
-
-
-def _height(log: NDArray[np.void], before: Mask) -> float:
-    """Height [m] at which a crack met the interface: of its break that is nearest."""
-    return float(log["y"][before][np.argmax(log["x"][before])]) if before.any() else nan
-
-
-def _along(log: NDArray[np.void], joins: Mask, p: Bimaterial) -> float:
-    """Speed along the interface [m/s] by a robust fit to all breaks of the last half of its way."""
-    start = 0.5 * (p.tip[0] + END)
-    window = 0.95 * (END - start)  # the last bond lies before the end
-    _, speed = window_speeds(log["x"][joins], log["time"][joins], window, start)
-    return float(speed[0]) if len(speed) else nan
-
-
-def _nothing() -> dict[str, Any]:
-    """Numbers of a crack that did not start."""
-    names = ("speed_over_rayleigh", "deflection", "interface_energy")
-    zero = dict.fromkeys(("debonded_spacings", "penetrated_spacings"), 0.0)
-    nothing = dict.fromkeys((*names, "bulk_energy", "energy_ratio"), nan)
-    return {"way": "stopped"} | zero | nothing
+    return free_crack(parameters or Bimaterial(), BimaterialResult, **options)

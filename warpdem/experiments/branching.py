@@ -10,11 +10,10 @@ import numpy as np
 
 from ..criteria import Rankine
 from ..errors import positive
-from ..observe.growth import Branch
 from ..packing import Packing
 from ..scene import Body, Scene
 from ..toughness import Toughness
-from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
+from .free_crack import PACKINGS, CrackRun, Expected, FreeCrack, FreeCrackResult, free_crack
 from .shared import Options
 
 SIZE, NOTCH = (0.1, 0.04), 0.05  # m
@@ -84,6 +83,19 @@ class Branching(FreeCrack):
             times={"published branching": (32e-6, 37e-6)},
         )
 
+    def measure(self, run: CrackRun) -> dict[str, Any]:
+        """Length over time up to the first branching: windows would see single steps."""
+        own, numbers = run.own, run.numbers
+        if len(own) < 2:
+            return {"before_over_rayleigh": nan, "branch_count": len(own)}
+        early = own[0].time < numbers["branching_time"]
+        spent = numbers["branching_time"] - numbers["start_time"]
+        grown = float(own[0].distance[early].max())
+        return {
+            "before_over_rayleigh": grown / spent / numbers["rayleigh_speed"],
+            "branch_count": len(own),
+        }
+
 
 @dataclass
 class BranchingResult(FreeCrackResult):
@@ -107,17 +119,4 @@ def branching(parameters: Branching | None = None, **options: Unpack[Options]) -
 
     options: `shared.Options`.
     """
-    return free_crack(parameters or Branching(), BranchingResult, _before, **options)
-
-
-def _before(own: list[Branch], numbers: dict[str, Any], *_: Any) -> dict[str, Any]:
-    """Length over time up to the first branching: windows would see single steps of the crack."""
-    if len(own) < 2:
-        return {"before_over_rayleigh": nan, "branch_count": len(own)}
-    early = own[0].time < numbers["branching_time"]
-    spent = numbers["branching_time"] - numbers["start_time"]
-    grown = float(own[0].distance[early].max())
-    return {
-        "before_over_rayleigh": grown / spent / numbers["rayleigh_speed"],
-        "branch_count": len(own),
-    }
+    return free_crack(parameters or Branching(), BranchingResult, **options)

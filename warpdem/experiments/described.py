@@ -58,13 +58,12 @@ class Described:
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment: `function` of an instance of `parameters`; `files`: what it writes."""
+    """An experiment: `function` of an instance of `parameters`, whose `files` it writes."""
 
     name: str
     title: str
     parameters: type
     function: Callable[..., Result]
-    files: tuple[str, ...]
 
     @cached_property
     def described(self) -> dict[str, Described]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import nan
 from typing import Annotated, Any, ClassVar, TypeVar, Unpack
@@ -26,6 +25,7 @@ from .shared import (
     Options,
     Result,
     film,
+    guard,
     run_numbers,
 )
 
@@ -35,6 +35,7 @@ WINDOW = 10.0  # spacings of crack length over which a speed is fitted
 NEAR = 4.0  # spacings from a notch's tip within which its crack starts
 PICTURE = 0.6  # of the duration: when the field is taken
 FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "branches.csv", "run.json")
+GRIP_LAYERS, GUARD_LAYERS = 2, 2
 COLUMNS = (("branch", ""), ("time", "s"), ("distance", "m"), ("speed", "m/s"))
 
 
@@ -55,6 +56,7 @@ class FreeCrack(ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     plane: ClassVar[str] = "strain"
+    files: ClassVar[tuple[str, ...]] = FILES
     ends: ClassVar[tuple[Observer, ...]] = ()  # that may end the run earlier
     size: ClassVar[tuple[float, float]]
 
@@ -93,6 +95,10 @@ class FreeCrack(ABC):
     def expected(self) -> Expected:
         """What a picture shows beside what was found."""
         return Expected()
+
+    def measure(self, run: CrackRun) -> dict[str, Any]:
+        """Numbers of the result beside those of `FreeCrackResult`."""
+        return {}
 
 
 @dataclass(frozen=True)
@@ -146,21 +152,25 @@ class FreeCrackResult(Result):
         return lines
 
 
+@dataclass
+class CrackRun:
+    """An experiment that has run: branches of the crack at the notch, longest first, maybe none;
+    the plain numbers of `FreeCrackResult`; all breaks; the simulation."""
+
+    own: list[Branch]
+    numbers: dict[str, Any]
+    crack: CrackTracker
+    sim: Simulation
+
+
 R = TypeVar("R", bound="FreeCrackResult")
-Measure = Callable[[list[Branch], dict[str, Any], CrackTracker, Simulation], dict[str, Any]]
 
 
-def free_crack(
-    p: FreeCrack,
-    kind: type[R],
-    measure: Measure | None = None,
-    **options: Unpack[Options],
-) -> R:
+def free_crack(p: FreeCrack, kind: type[R], **options: Unpack[Options]) -> R:
     """Run an experiment.
 
-    kind: of its result; measure: its further numbers, from the branches of the crack at the notch,
-    the numbers of all, the tracker and the simulation; options: `shared.Options`; FILES are
-    written. Raises InputError for parameters that cannot be run.
+    kind: of its result; options: `shared.Options`; FILES are written. Raises InputError for
+    parameters that cannot be run.
     """
     run = Conduct(**options)
     run.say("building the packing")
@@ -179,8 +189,7 @@ def free_crack(
     speeds = branch_speeds(found, WINDOW * p.spacing)
     own = crack_at(found, p.tip, NEAR * p.spacing)
     numbers = _numbers(found, own, speeds, rayleigh) | {"rayleigh_speed": rayleigh}
-    if measure is not None:
-        numbers |= measure(own, numbers, crack, sim)
+    numbers |= p.measure(CrackRun(own, numbers, crack, sim))
     result = kind(
         **run_numbers(sim), **numbers, speeds=speeds, crack=crack,
         field=picture, branches=[_told(b, found, speeds, rayleigh) for b in found],
@@ -202,6 +211,14 @@ def free_crack(
         write_csv(run.where / "branches.csv", speeds, {n: u for n, u in COLUMNS if u})
     run.close(p.name, p, result)
     return result
+
+
+def grip(scene: Scene, body: Body) -> None:
+    """Hold a strip's outermost layers, below and above, and keep the bonds beside them."""
+    grips = [body.packing.side(side, GRIP_LAYERS) for side in ("bottom", "top")]
+    for one in grips:
+        scene.hold(body, one)
+    guard(body, grips[0] | grips[1], GUARD_LAYERS)
 
 
 def crack_at(branches: list[Branch], tip: tuple[float, float], near: float) -> list[Branch]:

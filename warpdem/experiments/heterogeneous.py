@@ -10,18 +10,23 @@ import numpy as np
 
 from ..criteria import Rankine
 from ..errors import Array, InputError, finite, positive, positive_or_inf
-from ..observe import CrackTracker
-from ..observe.growth import Branch, path_angle
+from ..observe.growth import path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
-from ..simulation import Simulation
 from ..toughness import Toughness
-from .free_crack import Expected, FreeCrack, FreeCrackResult, free_crack
-from .shared import Options, guard
+from .free_crack import (
+    GRIP_LAYERS,
+    CrackRun,
+    Expected,
+    FreeCrack,
+    FreeCrackResult,
+    free_crack,
+    grip,
+)
+from .shared import Options
 from .weak_plane import griffith_strain
 
 SIZE, NOTCH = (2e-3, 1.05e-3), 0.25e-3  # m
-GRIP_LAYERS, GUARD_LAYERS = 2, 2
 
 
 @dataclass(frozen=True)
@@ -103,10 +108,7 @@ class Heterogeneous(FreeCrack):
             inside = np.linalg.norm(middle - centre, axis=1) < 0.5 * self.inclusion_size
             body.strength_factor[inside] *= self.inclusion_strength
         scene.strain(body, [[0.0, 0.0], [0.0, self.load]])
-        grips = [plate.side(side, GRIP_LAYERS) for side in ("bottom", "top")]
-        for grip in grips:
-            scene.hold(body, grip)
-        guard(body, grips[0] | grips[1], GUARD_LAYERS)
+        grip(scene, body)
         return scene, body
 
     @property
@@ -117,6 +119,21 @@ class Heterogeneous(FreeCrack):
         # names that begin so stay out of a legend
         lines = {f"_{k}": centre + ring for k, centre in enumerate(self.centres())}
         return Expected((((0.0, self.tip[1]), self.tip),), lines)
+
+    def measure(self, run: CrackRun) -> dict[str, Any]:
+        """Speed along the strip, and how rough the path is."""
+        speed = run.crack.speed / run.numbers["rayleigh_speed"]
+        if not run.own:
+            return {"speed_over_rayleigh": speed, "roughness_spacings": nan, "tortuosity": nan}
+        path = run.own[0].path
+        angle = np.radians(path_angle(path))
+        across = path @ np.array([-np.sin(angle), np.cos(angle)])
+        span = float(np.linalg.norm(path[-1] - path[0]))
+        return {
+            "speed_over_rayleigh": speed,
+            "roughness_spacings": float(across.std()) / self.spacing,
+            "tortuosity": run.own[0].length / span,
+        }
 
 
 @dataclass
@@ -146,22 +163,4 @@ def heterogeneous(
 
     options: `shared.Options`.
     """
-    p = parameters or Heterogeneous()
-
-    def measure(
-        own: list[Branch], numbers: dict[str, Any], crack: CrackTracker, _: Simulation
-    ) -> dict[str, Any]:
-        speed = crack.speed / numbers["rayleigh_speed"]
-        if not own:
-            return {"speed_over_rayleigh": speed, "roughness_spacings": nan, "tortuosity": nan}
-        path = own[0].path
-        angle = np.radians(path_angle(path))
-        across = path @ np.array([-np.sin(angle), np.cos(angle)])
-        span = float(np.linalg.norm(path[-1] - path[0]))
-        return {
-            "speed_over_rayleigh": speed,
-            "roughness_spacings": float(across.std()) / p.spacing,
-            "tortuosity": own[0].length / span,
-        }
-
-    return free_crack(p, HeterogeneousResult, measure, **options)
+    return free_crack(parameters or Heterogeneous(), HeterogeneousResult, **options)

@@ -11,11 +11,11 @@ import numpy as np
 from ..criteria import LinearSoftening, Rankine
 from ..errors import InputError, positive
 from ..observe import CrackTracker
-from ..observe.growth import Branch, path_angle
+from ..observe.growth import path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
 from ..simulation import Simulation
-from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
+from .free_crack import PACKINGS, CrackRun, Expected, FreeCrack, FreeCrackResult, free_crack
 from .shared import Options, guard
 
 LENGTH, DEPTH, SPAN, NOTCH = 0.2286, 0.0762, 0.2032, 0.019  # m
@@ -23,6 +23,18 @@ MIDSPAN = 0.5 * LENGTH  # m from the left end
 THROUGH = 0.75  # of the depth: a crack that reaches it has failed the beam
 AFTER = 1e-4  # s that a run goes on then
 TRANSITION = 0.77  # gamma_t, measured by John and Shah (1990)
+
+
+def through(crack: CrackTracker) -> list[tuple[float, int, float]]:
+    """Cracks that came through, the first first: time [s], number, place of the foot [m]."""
+    log, found, cracks = crack.log, crack.branches(), []
+    for number in {b.crack for b in found}:
+        rows = np.concatenate([b.rows for b in found if b.crack == number])
+        y = log["y"][rows]
+        if y.min() < 0.5 * DEPTH and y.max() > THROUGH * DEPTH:
+            time = float(log["time"][rows[y > THROUGH * DEPTH]].min())
+            cracks.append((time, number, float(log["x"][rows[y.argmin()]])))
+    return sorted(cracks)
 
 
 class Through:
@@ -34,7 +46,8 @@ class Through:
         """Look at the cracks."""
         crack = CrackTracker()
         crack.finish(sim)
-        if failure([], {}, crack, sim)["failure_time"] + AFTER < sim.time:  # never of NaN
+        cracks = through(crack)
+        if cracks and cracks[0][0] + AFTER < sim.time:
             sim.stop()
 
     def finish(self, sim: Simulation) -> None:
@@ -120,6 +133,21 @@ class JohnShah(FreeCrack):
         corners = np.array([[left, 0.0], [right, 0.0], [right, NOTCH], [left, NOTCH]])
         return Expected(notches, lines={f"beyond the published gamma_t = {TRANSITION}": corners})
 
+    def measure(self, run: CrackRun) -> dict[str, Any]:
+        """The first crack that came through, and its foot; the angle of the notch's."""
+        own, cracks = run.own, through(run.crack)
+        found: dict[str, Any] = {"angle_degrees": path_angle(own[0].path) if own else nan}
+        if not cracks:
+            nothing = {"fails_from": "nothing", "fails_at_gamma": nan, "failure_time": nan}
+            return found | nothing
+        time, number, foot = cracks[0]
+        at_notch = bool(own) and own[0].crack == number
+        return found | {
+            "fails_from": "notch" if at_notch else "midspan",
+            "fails_at_gamma": (MIDSPAN - foot) / (0.5 * SPAN),
+            "failure_time": time,
+        }
+
 
 @dataclass
 class JohnShahResult(FreeCrackResult):
@@ -155,26 +183,4 @@ def john_shah(parameters: JohnShah | None = None, **options: Unpack[Options]) ->
 
     options: `shared.Options`.
     """
-    return free_crack(parameters or JohnShah(), JohnShahResult, failure, **options)
-
-
-def failure(own: list[Branch], _: Any, crack: CrackTracker, _sim: Simulation) -> dict[str, Any]:
-    """The first crack that came through, and its foot."""
-    log, through = crack.log, []
-    found = crack.branches()
-    for number in {b.crack for b in found}:
-        rows = np.concatenate([b.rows for b in found if b.crack == number])
-        y = log["y"][rows]
-        if y.min() < 0.5 * DEPTH and y.max() > THROUGH * DEPTH:
-            time = float(log["time"][rows[y > THROUGH * DEPTH]].min())
-            through.append((time, number, float(log["x"][rows[y.argmin()]])))
-    failed = {"fails_from": "nothing", "fails_at_gamma": nan, "failure_time": nan}
-    if through:
-        time, number, foot = min(through)
-        at_notch = bool(own) and own[0].crack == number
-        failed = {
-            "fails_from": "notch" if at_notch else "midspan",
-            "fails_at_gamma": (MIDSPAN - foot) / (0.5 * SPAN),
-            "failure_time": time,
-        }
-    return failed | {"angle_degrees": path_angle(own[0].path) if own else nan}
+    return free_crack(parameters or JohnShah(), JohnShahResult, **options)

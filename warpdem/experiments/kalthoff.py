@@ -10,10 +10,10 @@ import numpy as np
 
 from ..criteria import LinearSoftening, Rankine
 from ..errors import positive
-from ..observe.growth import Branch, path_angle
+from ..observe.growth import path_angle
 from ..packing import Packing
 from ..scene import Body, Scene
-from .free_crack import PACKINGS, Expected, FreeCrack, FreeCrackResult, free_crack
+from .free_crack import PACKINGS, CrackRun, Expected, FreeCrack, FreeCrackResult, free_crack
 from .shared import Options, guard
 
 SIZE, NOTCH, HALF = 0.1, 0.05, 0.025  # m: half plate, notch, its distance from the middle
@@ -88,6 +88,10 @@ class Kalthoff(FreeCrack):
             times={"published start": (20e-6, 29e-6)},
         )
 
+    def measure(self, run: CrackRun) -> dict[str, Any]:
+        """The crack's angle."""
+        return {"angle_degrees": path_angle(run.own[0].path) if run.own else nan}
+
 
 @dataclass
 class KalthoffResult(FreeCrackResult):
@@ -107,8 +111,4 @@ def kalthoff(parameters: Kalthoff | None = None, **options: Unpack[Options]) -> 
 
     options: `shared.Options`.
     """
-    return free_crack(parameters or Kalthoff(), KalthoffResult, _angle, **options)
-
-
-def _angle(own: list[Branch], *_: Any) -> dict[str, Any]:
-    return {"angle_degrees": path_angle(own[0].path) if own else nan}
+    return free_crack(parameters or Kalthoff(), KalthoffResult, **options)

@@ -38,7 +38,6 @@ CRITERIA = ("drucker-prager", "huber-mises-hencky", "rankine")
 # in spacings: half the field about the tip that is searched for vortices, its smoothing, and the
 # radius of the detector
 FIELD, SMOOTH, VORTEX = 25.0, 2.0, 8.0
-FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "front.csv", "run.json")
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class ModeI(WeakPlane):
             assert self.strain is not None
             return self.strain
         m = self.material
-        free = self.height - 2.0 * GRIP_LAYERS * self.layer * self.d / self.refine
+        free = self.height - 2.0 * GRIP_LAYERS * self.layer * self.distance / self.refine
         energy = self.toughness**2 / m.plane_modulus()
         return self.overload * griffith_strain(m, energy, free)
 
@@ -138,7 +137,7 @@ class ModeI(WeakPlane):
 
     def build_packing(self) -> Packing:
         """The plate's elements."""
-        return self.fill(self.d / self.refine)
+        return self.fill(self.distance / self.refine)
 
 
 @dataclass
@@ -171,8 +170,8 @@ def mode_i(
 ) -> ModeIResult:
     """Run a mode I crack and measure its speed.
 
-    Writes crack.png, crack.usd, broken_bonds.csv, run.json and in space front.csv; options:
-    `shared.Options`. Raises InputError for parameters that cannot be run.
+    Writes `files` of its parameters; options: `shared.Options`. Raises InputError for parameters
+    that cannot be run.
     """
     run, p = Conduct(**options), parameters or ModeI()
     run.say("building the packing")
@@ -180,7 +179,7 @@ def mode_i(
     scene = Scene()
     body = scene.add(plate, p.material, fracture=p.fracture())
     p.weaken(scene, body, p.bulk_strength)
-    scene.cut(body, p.at(-p.d), p.at(p.notch))
+    scene.cut(body, p.at(-p.distance), p.at(p.notch))
     p.strained(scene, body, [[0.0, 0.0], [0.0, p.load]])
 
     sim = run.build(scene, p.told_size)
@@ -199,7 +198,7 @@ def mode_i(
         vortices=_vortices(picture, tip_place, p),
         window_length=crack.length,
         window_speed_over_rayleigh=crack.window_speed / rayleigh,
-        front_roughness_spacings=nan if front is None else front.roughness / p.d,
+        front_roughness_spacings=nan if front is None else front.roughness / p.distance,
         crack=crack,
         front=front,
         field=picture,
@@ -213,7 +212,7 @@ def mode_i(
 def _vortices(field: Snapshot, tip: float, p: ModeI) -> list[dict[str, Any]]:
     if not field.taken:
         return []
-    d = p.d / p.refine
+    d = p.distance / p.refine
     place = np.array([tip, p.plane_height])
     reach = min(FIELD * d, 0.45 * p.height)
     grid = on_grid(field.position, field.velocity, place - reach, place + reach, d, SMOOTH * d)

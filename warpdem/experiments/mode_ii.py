@@ -36,7 +36,6 @@ STARTS = ("surface", "bulk")
 EDGE_FACTOR = 1.1215  # K of an edge crack over that of a buried one (Tada, Paris and Irwin)
 WINDOW = 15.0  # spacings over which speeds are fitted
 PLATEAU = (0.88, 1.02)  # speeds over Rayleigh's that are counted as its plateau
-FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "front.csv", "speeds.csv", "run.json")
 
 
 @dataclass(frozen=True)
@@ -80,6 +79,11 @@ class ModeII(WeakPlane):
                     "faces of a plate that repeats across its thickness do not rub; leave friction "
                     "out, or give sides free."
                 )
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of what is written."""
+        return (*super().files, "speeds.csv")
 
     @property
     def s(self) -> float:
@@ -160,19 +164,19 @@ def mode_ii(
 ) -> ModeIIResult:
     """Run a mode II crack and measure its speed.
 
-    Writes crack.png, crack.usd, CSV files and run.json; options: `shared.Options`. Raises
-    InputError for parameters that cannot be run.
+    Writes `files` of its parameters; options: `shared.Options`. Raises InputError for parameters
+    that cannot be run.
     """
     run, p = Conduct(**options), parameters or ModeII()
     run.say("building the packing")
-    plate = p.fill(p.d)
+    plate = p.fill(p.distance)
     shear, peak = p.shear(plate)
     notch = p.notch(plate)
     tip = p.centre + notch
     scene = Scene()
     body = scene.add(plate, p.material, fracture=p.law(plate))
     p.weaken(scene, body, inf)
-    scene.cut(body, p.at(-p.d if p.start == "surface" else p.centre - notch), p.at(tip))
+    scene.cut(body, p.at(-p.distance if p.start == "surface" else p.centre - notch), p.at(tip))
     half = 0.5 * shear / p.material.shear_modulus
     p.strained(scene, body, [[0.0, half], [half, 0.0]])
     if p.friction is not None:
@@ -185,13 +189,13 @@ def mode_ii(
     rayleigh = p.material.rayleigh_speed("strain")
     pressure = p.material.pressure_speed("strain")
     # the last twelfth of the plate feels the free edge and is left out
-    crack = CrackTracker(every=20, window=WINDOW * p.d, stop_at=p.length * 11.0 / 12.0)
+    crack = CrackTracker(every=20, window=WINDOW * p.distance, stop_at=p.length * 11.0 / 12.0)
     picture, tip_place = follow(run, sim, crack, (tip, p.length), 1.3 * rayleigh)
 
-    ahead = crack.log[crack.log["x"] >= tip - p.d] if len(crack.log) else crack.log
+    ahead = crack.log[crack.log["x"] >= tip - p.distance] if len(crack.log) else crack.log
     length, speed = np.zeros(0), np.zeros(0)
     if len(ahead):
-        length, speed = window_speeds(ahead["x"] - tip, ahead["time"], WINDOW * p.d, 0.0)
+        length, speed = window_speeds(ahead["x"] - tip, ahead["time"], WINDOW * p.distance, 0.0)
     front = p.front(crack)
     result = ModeIIResult(
         **run_numbers(sim),
@@ -204,7 +208,7 @@ def mode_ii(
         pressure_speed=pressure,
         window_length=length,
         window_speed=speed,
-        front_roughness_spacings=nan if front is None else front.roughness / p.d,
+        front_roughness_spacings=nan if front is None else front.roughness / p.distance,
         crack=crack,
         front=front,
         field=picture,
@@ -231,13 +235,13 @@ def _levels(length: Array, speed: Array, p: ModeII) -> dict[str, Any]:
     above = speed > p.material.shear_speed()
     fast, both = np.flatnonzero(above), np.flatnonzero(above[1:] & above[:-1])
     if len(both):
-        found["transition_spacings"] = float(length[both[0]]) / p.d
+        found["transition_spacings"] = float(length[both[0]]) / p.distance
     before = over[1 : fast[0]] if len(fast) else over[1:]  # the first window is the start's
     if len(before):
         found["plateau_over_rayleigh"] = float(np.median(before))
     longest = run = 0
     for k, value in enumerate(over):
-        follows = k > 0 and length[k] - length[k - 1] < 1.5 * WINDOW * p.d
+        follows = k > 0 and length[k] - length[k - 1] < 1.5 * WINDOW * p.distance
         inside = PLATEAU[0] <= value <= PLATEAU[1]
         run = (run + 1 if follows else 1) if inside else 0
         longest = max(longest, run)

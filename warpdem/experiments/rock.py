@@ -78,6 +78,7 @@ class Rock(ABC):
 
     name: ClassVar[str]
     title: ClassVar[str]
+    files: ClassVar[tuple[str, ...]] = FILES
     stress_name: ClassVar[str] = "axial stress"
     sign: ClassVar[float]  # of the stress between the grips
 

@@ -19,6 +19,7 @@ from ..simulation import Simulation
 from ..write.whole import unit_of, write_csv
 from .shared import Conduct, film
 
+FILES = ("crack.png", "crack.usd", "broken_bonds.csv", "run.json")
 PACKINGS = ("hexagonal", "voronoi", "fcc")
 SIDES = ("periodic", "free")
 RATIO = 3.0  # compressive over tensile strength of the Drucker-Prager criterion
@@ -61,7 +62,7 @@ class WeakPlane:
             raise InputError(
                 "hexagonal packings are of the plane; leave thickness out, or take fcc or voronoi."
             )
-        object.__setattr__(self, "spacing", self.d)
+        object.__setattr__(self, "spacing", self.distance)
         if self.in_space:
             object.__setattr__(self, "thickness", self.size[2])
 
@@ -71,7 +72,7 @@ class WeakPlane:
         return self.packing == "fcc" or self.thickness is not None
 
     @property
-    def d(self) -> float:
+    def distance(self) -> float:
         """Distance of elements [m], given or by default."""
         return self.spacing or (SPACE_SPACING if self.in_space else PLANE_SPACING)
 
@@ -79,7 +80,16 @@ class WeakPlane:
     def size(self) -> tuple[float, ...]:
         """Edges of the plate [m]."""
         plane = (self.length, self.height)
-        return (*plane, self.thickness or LAYERS * sqrt(2.0) * self.d) if self.in_space else plane
+        return (
+            (*plane, self.thickness or LAYERS * sqrt(2.0) * self.distance)
+            if self.in_space
+            else plane
+        )
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of what is written."""
+        return FILES + (("front.csv",) if self.in_space else ())
 
     @property
     def told_size(self) -> str:
@@ -116,12 +126,12 @@ class WeakPlane:
     @property
     def plane_height(self) -> float:
         """Height of the weak plane [m]: between two rows, next to the middle."""
-        pitch = self.layer * self.d
+        pitch = self.layer * self.distance
         return (round(self.height / pitch) // 2) * pitch
 
     def weaken(self, scene: Scene, body: Body, elsewhere: float) -> None:
         """Multiply the strength of all bonds but the weak plane's."""
-        weak = body.packing.crossing(self.at(-self.d), self.at(self.length + self.d))
+        weak = body.packing.crossing(self.at(-self.distance), self.at(self.length + self.distance))
         strength = body.strength_factor[weak]
         scene.set_strength(body, elsewhere)
         body.strength_factor[weak] = strength
@@ -142,7 +152,7 @@ class WeakPlane:
         """The crack's front through the thickness of a plate in space."""
         if not self.in_space:
             return None
-        slices = max(1, round(self.size[2] / (SLICE * self.d)))
+        slices = max(1, round(self.size[2] / (SLICE * self.distance)))
         return crack.front_at((0.0, 0.0, 1.0), slices, INSTANTS)
 
 

@@ -6,7 +6,7 @@ from math import inf, prod, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Array, InputError, checked, one_of, rounded
+from ..errors import Array, InputError, checked, one_of
 from ..room import check_elements
 from .packing import SIDES, Mask, Packing, check_box, repeated
 
@@ -30,9 +30,7 @@ def hexagonal(
     one_of("rows", rows, ("x", "y"))
     along = int(rows == "y")
     pitch = sqrt(3.0) / 2.0 * spacing
-    columns = rounded("the number of columns", size[along] / spacing)
-    count = rounded("the number of rows", size[1 - along] / pitch)
-    _filled(columns, count)
+    columns, count = _counts(size[along] / spacing, size[1 - along] / pitch)
     row, column = np.divmod(np.arange(count * columns), columns)
     place = [(column + 0.25 + 0.5 * (row % 2)) * spacing, (row + 0.5) * pitch]
     ends = [(column == 0, column == columns - 1), (row == 0, row == count - 1)]
@@ -135,8 +133,9 @@ def fcc(
     check_box(size, spacing, 3)
     half = spacing / sqrt(2.0)
     repeats = repeated(periodic, 3)
-    whole = [2.0 * half * max(round(0.5 * edge / half), 1) for edge in size]
-    edges = np.where(repeats, whole, np.asarray(size, dtype=np.float64))
+    edges = np.asarray(size, dtype=np.float64)
+    with np.errstate(over="ignore"):  # too many are refused with the sites
+        edges[repeats] = 2.0 * half * np.maximum(np.rint(0.5 * edges[repeats] / half), 1.0)
     sites = _sites(edges.tolist(), half)
     sites = sites[sites.sum(axis=1) % 2 == 0]
     sides = _sides(sites)
@@ -197,8 +196,7 @@ def _second(neighbours: int, distance: float) -> float:
 
 def _sites(size: Sequence[float], pitch: float) -> NDArray[np.int64]:
     """Integer places of a grid that fills a box, (n, dim)."""
-    counts = [rounded("the number of layers", edge / pitch) for edge in size]
-    _filled(*counts)
+    counts = _counts(*(edge / pitch for edge in size))
     return np.indices(counts).reshape(len(counts), -1).T
 
 
@@ -212,7 +210,11 @@ def _sides(sites: NDArray[np.int64], layers: int = 1) -> dict[str, Mask]:
     return sides
 
 
-def _filled(*counts: int) -> None:
+def _counts(*sites: float) -> list[int]:
+    """Whole numbers of sites along the edges of a box; raises InputError if it holds none, or more
+    than there is room for."""
+    check_elements(prod(sites))
+    counts = [round(n) for n in sites]
     if min(counts) < 1:
         raise InputError("the box holds no element; enlarge size or reduce spacing.")
-    check_elements(prod(counts))
+    return counts

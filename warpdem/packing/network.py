@@ -17,7 +17,6 @@ from ..errors import (
     finite,
     first_ids,
     positive,
-    rounded,
     whole_number,
 )
 from ..room import check_elements
@@ -154,10 +153,7 @@ def frame(
     between them follow edge by edge.
     """
     x = finite("nodes", nodes, (None, None))
-    try:
-        ends = entries("edges", edges)
-    except ValueError:
-        raise InputError("edges must be pairs of nodes, shape (e, 2).") from None
+    ends = entries("edges", edges)
     if ends.ndim != 2 or ends.shape[1] != 2 or ends.dtype.kind not in "iu":
         raise InputError("edges must be pairs of nodes, integers of shape (e, 2).")
     if ((ends < 0) | (ends >= len(x))).any():
@@ -191,11 +187,10 @@ def honeycomb(size: Sequence[float], spacing: float, thickness: float) -> Packin
     positive("spacing", spacing, ())
     positive("thickness", thickness, ())
     width, height = sqrt(3.0) * spacing, 3.0 * spacing
-    columns = rounded("the number of columns", size[0] / width)
-    rows = rounded("the number of rows", size[1] / height)
+    check_elements(4.0 * (size[0] / width) * (size[1] / height))
+    columns, rows = round(size[0] / width), round(size[1] / height)
     if columns < 1 or rows < 1:
         raise InputError("the box holds no ring; enlarge size or reduce spacing.")
-    check_elements(4 * rows * columns)
     cell = np.array([[0.0, 0.0], [0.5, 0.5], [0.5, 1.5], [0.0, 2.0]]) * [width, spacing]
     row, column = np.divmod(np.arange(rows * columns), columns)
     corner = np.stack([column * width, row * height], axis=1)

@@ -105,10 +105,7 @@ class Packing:
 
     def _check_bonds(self) -> None:
         n, dim = self.position.shape
-        try:
-            bonds = entries("bonds", self.bonds)
-        except ValueError:
-            raise InputError("bonds must be pairs of element ids, shape (b, 2).") from None
+        bonds = entries("bonds", self.bonds)
         if bonds.size == 0:
             bonds = np.zeros((0, 2), dtype=np.int64)
         if bonds.ndim != 2 or bonds.shape[1] != 2 or bonds.dtype.kind not in "iu":
@@ -442,9 +439,12 @@ class Packing:
 
 def _period(given: ArrayLike, dim: int) -> Array:
     """Edges of the box that repeats, inf along axes along which none does."""
-    edges = np.asarray(given, dtype=np.float64)
-    repeats = np.isfinite(edges)
-    positive("period", np.where(np.isposinf(edges), 1.0, edges), (dim,))
+    try:
+        edges = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"period must be {dim} numbers, inf where nothing repeats.") from None
+    repeats = edges != np.inf
+    positive("period", np.where(repeats, edges, 1.0), (dim,))
     if not repeats.any():
         raise InputError("period is infinite along all axes; leave it out.")
     return edges
@@ -453,11 +453,11 @@ def _period(given: ArrayLike, dim: int) -> Array:
 def repeated(periodic: bool | str, dim: int) -> Mask:
     """Along which axes a body repeats, (dim,): all, none, or those that are named."""
     axes = "xyz"[:dim]
-    if isinstance(periodic, str):
-        if not periodic or not set(periodic) <= set(axes):
-            raise InputError(f"periodic is {periodic!r}; give True, False or some of {axes!r}.")
-        return np.array([axis in periodic for axis in axes])
-    return np.full(dim, periodic)
+    if not isinstance(periodic, str):
+        return np.full(dim, periodic)
+    if not periodic or not set(periodic) <= set(axes):
+        raise InputError(f"periodic is {periodic!r}; give True, False or some of {axes!r}.")
+    return np.array([axis in periodic for axis in axes])
 
 
 def check_box(size: Sequence[float], spacing: float, dim: int) -> None:

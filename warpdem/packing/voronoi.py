@@ -156,7 +156,6 @@ def _fine(shape: Shape, count: int, periodic: bool | str) -> Body:
 def _enough(count: int, dim: int) -> None:
     if count < dim + 2:
         raise InputError("the shape holds too few elements; enlarge it or reduce spacing.")
-    check_elements(count)
 
 
 def _local(spacing: Spacing) -> Callable[[Array], Array]:
