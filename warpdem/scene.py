@@ -112,11 +112,6 @@ class Body:
         self.held_rotation = np.zeros(n, dtype=bool)
 
     @property
-    def fracture(self) -> Fracture | None:
-        """The criterion of all bonds; None if there is none, or more than one."""
-        return self.fractures[0] if len(self.fractures) == 1 else None
-
-    @property
     def density(self) -> Array:
         """Density of every element [kg/m^3], (n,)."""
         return np.array([m.density for m in self.materials])[self.grain]
@@ -965,14 +960,14 @@ def _fractures(
             f"{len(materials)} materials."
         )
     between = _checked_pairs(materials, pairs)
-    tough = (*given, *between.values())
-    for wanted in tough:
+    laws = (*given, *between.values())
+    for wanted in laws:
         if not isinstance(wanted, Breaking):
             raise InputError(
                 f"fracture is {wanted!r}; give a criterion such as DruckerPrager, one within "
                 "Incubation, DamageRate or LinearSoftening, a Toughness, or None."
             )
-    if bond != "facet" and any(isinstance(law, Toughness) for law in tough):
+    if bond != "facet" and any(isinstance(law, Toughness) for law in laws):
         raise InputError("a Toughness is for facet bonds; give a criterion its strength.")
 
     def made(law: Breaking, *of: Material) -> Fracture | None:
