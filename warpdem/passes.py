@@ -15,6 +15,7 @@ from .errors import InputError, ModelWarning
 from .kernels.memory import CHUNK, is_patched, is_shareable, rendezvous, wait_for
 
 SHARED = 4096  # indices of a launch from which on it is worth sharing out
+BATCH = 32  # times that launches repeat in a graph of their own
 PATIENCE = 10_000  # looks of a waiting thread before it sleeps
 
 
@@ -73,7 +74,8 @@ class Team:
         if size < SHARED or not is_shareable(launch.kernel):
             return launch if rank == 0 else None
         # whole loops each, so that an index meets the same instructions whoever takes it
-        ends = [size * r // self.threads // CHUNK * CHUNK for r in range(self.threads)] + [size]
+        ends = [CHUNK * round(size * r / self.threads / CHUNK) for r in range(self.threads)]
+        ends.append(size)
         first, last = ends[rank], ends[rank + 1]
         share = copy(launch)
         share.params = list(launch.params)
@@ -192,7 +194,8 @@ Launched = wp.Launch | Varying
 class Passes:
     """Launches in order, from their second time on one graph, or one for each of a team.
 
-    A launch costs several microseconds, a node of a graph a fraction of one.
+    A launch costs several microseconds, a node of a graph a fraction of one. Launches made many
+    times on end are one graph too, of `BATCH` of them.
     """
 
     def __init__(
@@ -201,22 +204,32 @@ class Passes:
         # a launch over nothing, as of the bonds of a single element, is None
         self.launches = [x for x in launches if x is not None]
         self.device, self.team = device, team
-        self.graphs: list[wp.Graph] = []
+        self.graphs: dict[int, list[wp.Graph]] = {}  # by how often they repeat the launches
 
-    def launch(self) -> None:
-        """Launch them all."""
-        if self.graphs:
-            if self.team is None:
-                wp.capture_launch(self.graphs[0])
-            else:
-                self.team.launch(self.graphs)
+    def launch(self, times: int = 1) -> None:
+        """Launch them all, so many times."""
+        if not self.launches:
             return
-        for launch in self.launches:
-            launch.launch()
-        if self.launches and self.team is not None:
-            self.graphs = self.team.capture(self.launches)
-        elif self.launches:
-            with wp.ScopedCapture(device=self.device) as capture:
-                for launch in self.launches:
-                    launch.launch()
-            self.graphs = [capture.graph]
+        if not self.graphs:
+            for launch in self.launches:
+                launch.launch()
+            self.graphs[1] = self._capture(1)
+            times -= 1
+        while times > 0:
+            size = BATCH if times >= BATCH else 1
+            if size not in self.graphs:
+                self.graphs[size] = self._capture(size)
+            if self.team is None:
+                wp.capture_launch(self.graphs[size][0])
+            else:
+                self.team.launch(self.graphs[size])
+            times -= size
+
+    def _capture(self, times: int) -> list[wp.Graph]:
+        launches = self.launches * times
+        if self.team is not None:
+            return self.team.capture(launches)
+        with wp.ScopedCapture(device=self.device) as capture:
+            for launch in launches:
+                launch.launch()
+        return [capture.graph]

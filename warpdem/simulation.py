@@ -28,7 +28,7 @@ from .errors import (
 )
 from .guard import Guard
 from .model import Model, build, face_arms, state_arrays, with_faces, with_moving_nodes, with_nodes
-from .passes import team_of
+from .passes import BATCH, team_of
 from .relinking import joined
 from .renewal import carried, tessellate
 from .scene import Body, Scene, Servo
@@ -258,7 +258,7 @@ class Simulation:
                 for servo in servos:
                     self._steer(servo)
             while self._step.count < target and not noted:
-                self._step.advance()
+                self._step.advance(min(BATCH, target - self._step.count))
             wp.synchronize_device(self.device)
             self.seconds += time.perf_counter() - began
             self._step.synchronise()

@@ -158,7 +158,24 @@ class Step:
 
     # -- the outline ------------------------------------------------------------------------------
 
-    def advance(self) -> None:
+    def advance(self, steps: int = 1) -> None:
+        """From t to t + steps dt."""
+        if self._needs_no_host and not self.synchronous:
+            self._finish_and_start.launch(steps)
+            self.count += steps
+            return
+        for _ in range(steps):
+            self._advance()
+
+    @property
+    def _needs_no_host(self) -> bool:
+        """Whether a step is its passes and nothing else: no pair to look for, no bond that may
+        break or close, nothing that follows a history."""
+        m = self.model
+        follows = m.load_histories or m.grip_histories or m.strain_history is not None
+        return self.neighbours is None and m.listed_bonds is None and not follows
+
+    def _advance(self) -> None:
         """From t to t + dt (theory B13)."""
         # damp, move, evaluate forces, return stresses beyond yield, test for fracture
         (self._start if self.synchronous else self._finish_and_start).launch()

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .memory import nn
+from .memory import get, nn, put
 
 
 class Laws(SimpleNamespace):
@@ -62,8 +62,8 @@ def space(dim: int, real: type) -> Laws:
         tj: laws.spin,
     ):
         """Store force f on i, -f on j and the torques of bond b in slots of the two elements."""
-        at_i = nn(bond_place[nn(2 * b)])
-        at_j = nn(bond_place[nn(2 * b + 1)])
+        at_i = nn(get(bond_place, 2 * b))
+        at_j = nn(get(bond_place, 2 * b + 1))
         laws.store(end_force, at_i, f)
         laws.store(end_force, at_j, -f)
         laws.store_spin(end_torque, at_i, ti)
@@ -197,43 +197,43 @@ def _plane(real: type) -> Laws:
 
     @wp.func
     def load(a: wp.array(dtype=real), i: int) -> vec:
-        return vec_of(a[nn(2 * i)], a[nn(2 * i + 1)])
+        return vec_of(get(a, 2 * i), get(a, 2 * i + 1))
 
     @wp.func
     def store(a: wp.array(dtype=real), i: int, v: vec):
-        a[nn(2 * i)] = v[0]
-        a[nn(2 * i + 1)] = v[1]
+        put(a, 2 * i, v[0])
+        put(a, 2 * i + 1, v[1])
 
     @wp.func
     def load_spin(a: wp.array(dtype=real), i: int) -> spin:
-        return a[i]
+        return get(a, i)
 
     @wp.func
     def store_spin(a: wp.array(dtype=real), i: int, w: spin):
-        a[i] = w
+        put(a, i, w)
 
     @wp.func
     def load_rot(a: wp.array(dtype=real), i: int) -> rot:
-        return vec_of(a[nn(2 * i)], a[nn(2 * i + 1)])
+        return vec_of(get(a, 2 * i), get(a, 2 * i + 1))
 
     @wp.func
     def store_rot(a: wp.array(dtype=real), i: int, q: rot):
-        a[nn(2 * i)] = q[0]
-        a[nn(2 * i + 1)] = q[1]
+        put(a, 2 * i, q[0])
+        put(a, 2 * i + 1, q[1])
 
     @wp.func
     def load_tensor(a: wp.array(dtype=real), i: int) -> mat3:
         """Symmetric tensor kept as xx, yy, xy, zz."""
         o = real(0.0)
-        xy = a[nn(4 * i + 2)]
-        return mat3(a[nn(4 * i)], xy, o, xy, a[nn(4 * i + 1)], o, o, o, a[nn(4 * i + 3)])
+        xy = get(a, 4 * i + 2)
+        return mat3(get(a, 4 * i), xy, o, xy, get(a, 4 * i + 1), o, o, o, get(a, 4 * i + 3))
 
     @wp.func
     def store_tensor(a: wp.array(dtype=real), i: int, t: mat3):
-        a[nn(4 * i)] = t[0, 0]
-        a[nn(4 * i + 1)] = t[1, 1]
-        a[nn(4 * i + 2)] = t[0, 1]
-        a[nn(4 * i + 3)] = t[2, 2]
+        put(a, 4 * i, t[0, 0])
+        put(a, 4 * i + 1, t[1, 1])
+        put(a, 4 * i + 2, t[0, 1])
+        put(a, 4 * i + 3, t[2, 2])
 
     return Laws(
         dim=2,
@@ -332,41 +332,41 @@ def _solid(real: type) -> Laws:
 
     @wp.func
     def load(a: wp.array(dtype=real), i: int) -> vec:
-        return vec(a[nn(3 * i)], a[nn(3 * i + 1)], a[nn(3 * i + 2)])
+        return vec(get(a, 3 * i), get(a, 3 * i + 1), get(a, 3 * i + 2))
 
     @wp.func
     def store(a: wp.array(dtype=real), i: int, v: vec):
-        a[nn(3 * i)] = v[0]
-        a[nn(3 * i + 1)] = v[1]
-        a[nn(3 * i + 2)] = v[2]
+        put(a, 3 * i, v[0])
+        put(a, 3 * i + 1, v[1])
+        put(a, 3 * i + 2, v[2])
 
     @wp.func
     def load_rot(a: wp.array(dtype=real), i: int) -> rot:
-        return rot(a[nn(4 * i)], a[nn(4 * i + 1)], a[nn(4 * i + 2)], a[nn(4 * i + 3)])
+        return rot(get(a, 4 * i), get(a, 4 * i + 1), get(a, 4 * i + 2), get(a, 4 * i + 3))
 
     @wp.func
     def store_rot(a: wp.array(dtype=real), i: int, q: rot):
-        a[nn(4 * i)] = q[0]
-        a[nn(4 * i + 1)] = q[1]
-        a[nn(4 * i + 2)] = q[2]
-        a[nn(4 * i + 3)] = q[3]
+        put(a, 4 * i, q[0])
+        put(a, 4 * i + 1, q[1])
+        put(a, 4 * i + 2, q[2])
+        put(a, 4 * i + 3, q[3])
 
     @wp.func
     def load_tensor(a: wp.array(dtype=real), i: int) -> mat3:
         """Symmetric tensor kept as xx, yy, zz, xy, yz, xz."""
-        xy = a[nn(6 * i + 3)]
-        yz = a[nn(6 * i + 4)]
-        xz = a[nn(6 * i + 5)]
-        return mat3(a[nn(6 * i)], xy, xz, xy, a[nn(6 * i + 1)], yz, xz, yz, a[nn(6 * i + 2)])
+        xy = get(a, 6 * i + 3)
+        yz = get(a, 6 * i + 4)
+        xz = get(a, 6 * i + 5)
+        return mat3(get(a, 6 * i), xy, xz, xy, get(a, 6 * i + 1), yz, xz, yz, get(a, 6 * i + 2))
 
     @wp.func
     def store_tensor(a: wp.array(dtype=real), i: int, t: mat3):
-        a[nn(6 * i)] = t[0, 0]
-        a[nn(6 * i + 1)] = t[1, 1]
-        a[nn(6 * i + 2)] = t[2, 2]
-        a[nn(6 * i + 3)] = t[0, 1]
-        a[nn(6 * i + 4)] = t[1, 2]
-        a[nn(6 * i + 5)] = t[0, 2]
+        put(a, 6 * i, t[0, 0])
+        put(a, 6 * i + 1, t[1, 1])
+        put(a, 6 * i + 2, t[2, 2])
+        put(a, 6 * i + 3, t[0, 1])
+        put(a, 6 * i + 4, t[1, 2])
+        put(a, 6 * i + 5, t[0, 2])
 
     return Laws(
         dim=3,

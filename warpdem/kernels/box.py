@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow
-from .memory import kernel, nn
+from .memory import get, kernel, nn
 
 
 @cache
@@ -37,11 +37,11 @@ def strain_box(s: Laws, k: Laws, is_after: bool, simd: bool = True):
             e = square()
             for row in range(wp.static(s.dim)):
                 for column in range(wp.static(s.dim)):
-                    e[row, column] = box_strain[nn(wp.static(s.dim) * row + column)]
+                    e[row, column] = get(box_strain, wp.static(s.dim) * row + column)
             jump = e * k.load(box_shift, t)
             s.store(box_motion, t, narrowed(jump - k.load(bond_jump, b)))
             k.store(bond_jump, b, jump)
-        f = s.load(end_force, nn(bond_place[nn(2 * b)]))
+        f = s.load(end_force, nn(get(bond_place, 2 * b)))
         done = real(0.5) * wp.dot(f, s.load(box_motion, t))
         box_work[t] = box_work[t] + wp.float64(done)
 

@@ -11,7 +11,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
-from .memory import nn
+from .memory import get, nn
 
 UNKNOWN = 1.0e30  # gap of a pair that was not unlinked before, or whose state was overwritten
 TURNED = 2.0e30  # of one whose faces have turned away from each other
@@ -65,9 +65,9 @@ def closing(s: Laws) -> Laws:
     ) -> real:
         """Speed along n that a unit impulse there gives element i [1/kg]."""
         lever = s.cross(arm, n)
-        return wp.dot(n, wp.cw_mul(s.load(inverse_mass, i), n)) + inverse_inertia[
-            i
-        ] * s.spin_squared(lever)
+        return wp.dot(n, wp.cw_mul(s.load(inverse_mass, i), n)) + get(
+            inverse_inertia, i
+        ) * s.spin_squared(lever)
 
     @wp.func
     def impulse(debt: real, speed: real, yield_both: real) -> real:
@@ -87,7 +87,7 @@ def closing(s: Laws) -> Laws:
         closing_impulse: wp.array(dtype=real),
     ) -> bool:
         """Whether pair t, bond b, has a debt, or an impulse that is not yet booked."""
-        last = s.load(closing_impulse, nn(bond_place[nn(2 * b)]))
+        last = s.load(closing_impulse, nn(get(bond_place, 2 * b)))
         return closing_debt[t] != real(0.0) or wp.dot(last, last) != real(0.0)
 
     @wp.func
@@ -121,7 +121,7 @@ def closing(s: Laws) -> Laws:
         yield_both = yielding(i, n, arm_i, inverse_mass, inverse_inertia) + yielding(
             j, n, arm_j, inverse_mass, inverse_inertia
         )
-        last = -wp.dot(s.load(closing_impulse, nn(bond_place[nn(2 * b)])), n)
+        last = -wp.dot(s.load(closing_impulse, nn(get(bond_place, 2 * b))), n)
         debt = closing_debt[t] + real(0.5) * last * speed
         size = real(0.0)
         if debt != real(0.0):

@@ -17,7 +17,7 @@ from .algebra import Laws, narrow
 from .closing import closing
 from .friction import HOLDS
 from .friction import friction as friction_law
-from .memory import kernel, nn
+from .memory import get, kernel, nn
 from .weld import weld
 
 OPPOSITE = 1e-8  # |n + n_before|^2 below which two normals are taken to oppose each other
@@ -281,8 +281,8 @@ def box(k: Laws, is_periodic: bool) -> Laws:
         x = k.vec()
         for row in range(wp.static(k.dim)):
             for column in range(wp.static(k.dim)):
-                edges = place(contact_image[nn(wp.static(k.dim) * e + column)])
-                x[row] += box[nn(wp.static(k.dim) * row + column)] * edges
+                edges = place(get(contact_image, wp.static(k.dim) * e + column))
+                x[row] += get(box, wp.static(k.dim) * row + column) * edges
         return x
 
     return Laws(load_shift=load_shift)
@@ -343,11 +343,11 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) ->
         compliance: wp.array(dtype=real),
     ) -> real:
         """k = M S/r: the moduli in series, S of the harmonic mean of both radii."""
-        ra = real(contact_radius[nn(a)])
-        rb = real(contact_radius[nn(b)])
-        width = wp.min(contact_width[nn(a)], contact_width[nn(b)])
+        ra = real(get(contact_radius, a))
+        rb = real(get(contact_radius, b))
+        width = wp.min(get(contact_width, a), get(contact_width, b))
         s_ab = law.area(real(2.0) * ra * rb / (ra + rb), width)
-        return s_ab / (compliance[nn(a)] + compliance[nn(b)])
+        return s_ab / (get(compliance, a) + get(compliance, b))
 
     load_normal_stiffness = load_stiffness
     if is_hertz:
@@ -361,9 +361,9 @@ def pair(s: Laws, k: Laws, is_hertz: bool = False, is_periodic: bool = False) ->
             compliance: wp.array(dtype=real),
         ) -> real:
             """k = 4/3 E* sqrt(R): compliances (1 - nu^2)/E in series, 1/R = 1/R_a + 1/R_b."""
-            ra = real(contact_radius[nn(a)])
-            rb = real(contact_radius[nn(b)])
-            series = compliance[nn(a)] + compliance[nn(b)]
+            ra = real(get(contact_radius, a))
+            rb = real(get(contact_radius, b))
+            series = get(compliance, a) + get(compliance, b)
             return real(wp.static(4.0 / 3.0)) * wp.sqrt(ra * rb / (ra + rb)) / series
 
         load_normal_stiffness = load_hertz

@@ -12,7 +12,7 @@ import warp as wp
 
 from .algebra import Laws
 from .evm import evm_kinematics
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 from .motion import Loads, gather, inertia, net
 
 
@@ -86,21 +86,21 @@ def evm_dashpots(s: Laws, k: Laws, simd: bool = True):
             displacement,
             orientation,
         )
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         n = x.d
         half = real(0.5) * x.length * n
-        arm_i = real(evm_offset[nn(2 * c)]) * x.p + half
-        arm_j = -real(evm_offset[nn(2 * c + 1)]) * x.m - half
+        arm_i = real(get(evm_offset, 2 * c)) * x.p + half
+        arm_j = -real(get(evm_offset, 2 * c + 1)) * x.m - half
         wi = s.load_spin(angular_velocity, i)
         wj = s.load_spin(angular_velocity, j)
         slip = s.load(velocity, j) + s.rotate(wj, arm_j)
         slip -= s.load(velocity, i) + s.rotate(wi, arm_i)
         eta = vec4(
-            evm_dashpot[nn(4 * c)],
-            evm_dashpot[nn(4 * c + 1)],
-            evm_dashpot[nn(4 * c + 2)],
-            evm_dashpot[nn(4 * c + 3)],
+            get(evm_dashpot, 4 * c),
+            get(evm_dashpot, 4 * c + 1),
+            get(evm_dashpot, 4 * c + 2),
+            get(evm_dashpot, 4 * c + 3),
         )
         f = law.force(eta, n, slip)
         t = law.torque(eta, n, wj - wi)
@@ -172,7 +172,7 @@ def damp(
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
         inv_m = s.load(inverse_mass, i)
-        inv_j = inverse_inertia[i]
+        inv_j = get(inverse_inertia, i)
         impulse = s.vec()
         twist = s.no_spin()
         if wp.static(has_dashpots):
@@ -185,7 +185,7 @@ def damp(
             for row in range(wp.static(s.dim)):
                 for column in range(wp.static(s.dim)):
                     at = nn(wp.static(s.dim) * (wp.static(s.dim) * i + row) + column)
-                    rate[row, column] = dt * inv_m[row] * absorbing_damping[at]
+                    rate[row, column] = dt * inv_m[row] * get(absorbing_damping, at)
             unit = wp.identity(n=wp.static(s.dim), dtype=real)
             change = wp.inverse(unit + real(0.5) * rate) * (rate * v)
             for axis in range(wp.static(s.dim)):
@@ -228,14 +228,14 @@ def damp(
                 i, spin, brake, inverse_inertia, principal_moment, principal_axes, orientation
             )
         taken = -real(0.5) * (wp.dot(impulse, v + after) + s.spin_dot(twist, w + spin))
-        damped_energy[i] = damped_energy[i] + wp.float64(taken)
+        put(damped_energy, i, get(damped_energy, i) + wp.float64(taken))
         if wp.static(has_work):
             # a grip takes the dashpots' reaction
             grip = real(0.0)
             for axis in range(wp.static(s.dim)):
                 grip += wp.where(inv_m[axis] == real(0.0), impulse[axis] * v[axis], real(0.0))
             grip += wp.where(inv_j == real(0.0), s.spin_dot(twist, w), real(0.0))
-            element_work[i] = element_work[i] - wp.float64(grip)
+            put(element_work, i, get(element_work, i) - wp.float64(grip))
         s.store(velocity, i, after)
         s.store_spin(angular_velocity, i, spin)
 

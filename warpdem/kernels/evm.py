@@ -13,7 +13,7 @@ from .algebra import Laws, narrow, narrow_spin
 from .closing import PARTED, UNKNOWN, closing
 from .face import Faces, carrying, face
 from .friction import face_friction
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 from .volume import volume
 
 CRUSHED = 0.1  # share of its length below which a bond has lost its direction (theory A5)
@@ -182,10 +182,10 @@ def evm(s: Laws, large_rotation: bool = False) -> Laws:
     def load_stiffness(evm_stiffness: wp.array(dtype=real), c: int) -> vec4:
         """B1..B4 of the c-th EVM bond."""
         return vec4(
-            evm_stiffness[nn(4 * c)],
-            evm_stiffness[nn(4 * c + 1)],
-            evm_stiffness[nn(4 * c + 2)],
-            evm_stiffness[nn(4 * c + 3)],
+            get(evm_stiffness, 4 * c),
+            get(evm_stiffness, 4 * c + 1),
+            get(evm_stiffness, 4 * c + 2),
+            get(evm_stiffness, 4 * c + 3),
         )
 
     return Laws(
@@ -220,16 +220,16 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
         D - a is taken as (2 X + Delta).Delta / (D + a), free of cancellation (theory A4). Where
         the bond is crushed, d = D/(CRUSHED a) is shorter than 1, so that all stays finite.
         """
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         qi = k.load_rot(orientation, i)
         qj = k.load_rot(orientation, j)
         e0 = k.load(evm_direction, c)
-        a = evm_length[c]
+        a = get(evm_length, c)
         xi = k.turn(qi, e0)
         xj = k.turn(qj, e0)
         du = k.load(displacement, j) - k.load(displacement, i)
-        delta = du - evm_offset[nn(2 * c)] * xi - evm_offset[nn(2 * c + 1)] * xj
+        delta = du - get(evm_offset, 2 * c) * xi - get(evm_offset, 2 * c + 1) * xj
         g = wp.dot(k.real(2.0) * a * e0 + delta, delta) / (wp.length(a * e0 + delta) + a)
         shortening = wp.max(g, loss * a)
         length = a + shortening
@@ -263,12 +263,12 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
     ):
         """The middle of the bond as each element carries it: how far both have parted, and the
         arms to them."""
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         e0 = k.load(evm_direction, c)
-        half = k.real(0.5) * evm_length[c]
-        ci = (evm_offset[nn(2 * c)] + half) * e0
-        cj = -(evm_offset[nn(2 * c + 1)] + half) * e0
+        half = k.real(0.5) * get(evm_length, c)
+        ci = (get(evm_offset, 2 * c) + half) * e0
+        cj = -(get(evm_offset, 2 * c + 1) + half) * e0
         qi = k.load_rot(orientation, i)
         qj = k.load_rot(orientation, j)
         return carried(k.load(displacement, j) - k.load(displacement, i), qi, qj, ci, cj)
@@ -309,9 +309,11 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
             orientation,
         )
         if wp.static(has_slip):
-            x.elongation = x.elongation - evm_slip[c]
-            x.bend_i = x.bend_i + load_tilt(nn(2 * c), nn(bond_i[b]), evm_tilt, orientation)
-            x.bend_j = x.bend_j + load_tilt(nn(2 * c + 1), nn(bond_j[b]), evm_tilt, orientation)
+            x.elongation = x.elongation - get(evm_slip, c)
+            x.bend_i = x.bend_i + load_tilt(nn(2 * c), nn(get(bond_i, b)), evm_tilt, orientation)
+            x.bend_j = x.bend_j + load_tilt(
+                nn(2 * c + 1), nn(get(bond_j, b)), evm_tilt, orientation
+            )
         return x
 
     return Laws(load_middle=load_middle, load_measures=load_measures, load_flowed=load_flowed)
@@ -364,7 +366,7 @@ def evm_forces(
     ):
         b = nn(wp.tid() + first)
         if wp.static(is_listed):
-            b = nn(listed[b])
+            b = nn(get(listed, b))
         c = nn(b - first_evm)
         x = kinematics.load_flowed(
             b,
@@ -379,16 +381,16 @@ def evm_forces(
             displacement,
             orientation,
         )
-        ri = real(evm_offset[nn(2 * c)])
-        rj = real(evm_offset[nn(2 * c + 1)])
+        ri = real(get(evm_offset, 2 * c))
+        rj = real(get(evm_offset, 2 * c + 1))
         f, ti, tj = law.force(law.load_stiffness(evm_stiffness, c), ri, rj, x)
         if wp.static(has_volume):
             delta, ci, cj = geometry.load_opening(
                 b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
             )
-            gi = volume_stress[nn(bond_i[b])]
-            gj = volume_stress[nn(bond_j[b])]
-            fi, fj = many.force(bond_weight[b], gi, gj, ci, cj)
+            gi = get(volume_stress, get(bond_i, b))
+            gj = get(volume_stress, get(bond_j, b))
+            fi, fj = many.force(get(bond_weight, b), gi, gj, ci, cj)
             f += fi + fj
             ti += s.cross(ci, fi + fj) + s.cross(delta, fi)
             tj += s.cross(delta, fj) - s.cross(cj, fi + fj)
@@ -397,10 +399,10 @@ def evm_forces(
             ti -= ri * s.cross(x.p, f)
             tj -= rj * s.cross(x.m, f)
             along, across, bending, twisting = beam(f, ti, tj, s.unit(x.p + x.m))
-            beam_load[nn(4 * c)] = along
-            beam_load[nn(4 * c + 1)] = across
-            beam_load[nn(4 * c + 2)] = bending
-            beam_load[nn(4 * c + 3)] = twisting
+            put(beam_load, 4 * c, along)
+            put(beam_load, 4 * c + 1, across)
+            put(beam_load, 4 * c + 2, bending)
+            put(beam_load, 4 * c + 3, twisting)
 
     return kernel(evm_forces, simd)
 
@@ -455,7 +457,7 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool, by_kin
         t = wp.tid() + first
         b = nn(listed[t])
         c = nn(b - first_evm)
-        if bond_linked[b] == real(0.0):
+        if get(bond_linked, b) == real(0.0):
             x = kinematics.load_flowed(
                 b,
                 c,
@@ -472,7 +474,7 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool, by_kin
             gap = x.elongation
             pull = contact.pull(closing_stiffness[t], gap, slack)
             f, ti, tj = law.closing_force(
-                pull, real(evm_offset[nn(2 * c)]), real(evm_offset[nn(2 * c + 1)]), x
+                pull, real(get(evm_offset, 2 * c)), real(get(evm_offset, 2 * c + 1)), x
             )
             if wp.static(rubs):
                 delta, ci, cj = kinematics.load_middle(
@@ -482,11 +484,11 @@ def evm_closing(s: Laws, k: Laws, has_slip: bool, rubs: bool, ages: bool, by_kin
                 row = int(0)  # noqa: UP018, RUF046
                 mu = friction
                 if wp.static(by_kind):
-                    row = kinds * contact_kind[bond_i[b]] + contact_kind[bond_j[b]]
+                    row = kinds * contact_kind[get(bond_i, b)] + contact_kind[get(bond_j, b)]
                     mu = friction_table[row]
                 is_new = closing_gap[t] >= real(UNKNOWN)
                 hold = rubbing.rub(
-                    t, delta, x.d, pull, is_new, nn(bond_i[b]), orientation, mu, row,
+                    t, delta, x.d, pull, is_new, nn(get(bond_i, b)), orientation, mu, row,
                     friction_numbers, closing_shear, closing_slip, closing_spring, closing_theta,
                     closing_slip_energy, dt,
                 )  # fmt: skip
@@ -558,11 +560,11 @@ def evm_settle(s: Laws, k: Laws, has_slip: bool):
         contact.settle(
             t,
             b,
-            nn(bond_i[b]),
-            nn(bond_j[b]),
+            nn(get(bond_i, b)),
+            nn(get(bond_j, b)),
             x.d,
-            real(evm_offset[nn(2 * c)]) * x.p,
-            -real(evm_offset[nn(2 * c + 1)]) * x.m,
+            real(get(evm_offset, 2 * c)) * x.p,
+            -real(get(evm_offset, 2 * c + 1)) * x.m,
             inverse_mass,
             inverse_inertia,
             velocity,
@@ -661,8 +663,8 @@ def evm_closing_energies(
     ):
         t = nn(wp.tid() + first)
         if wp.static(has_rows):
-            t = nn(rows[t])
-        b = nn(listed[t])
+            t = nn(get(rows, t))
+        b = nn(get(listed, t))
         x = kinematics.load_flowed(
             b,
             nn(b - first_evm),
@@ -676,12 +678,12 @@ def evm_closing_energies(
             displacement,
             orientation,
         )
-        held = law.stretch(closing_stiffness[t], x)
+        held = law.stretch(get(closing_stiffness, t), x)
         energy = wp.where(x.elongation < real(0.0), held, real(0.0))
         if wp.static(rubs):
             spring = s.load(closing_spring, t)
-            energy += real(0.5) * closing_shear[t] * wp.dot(spring, spring)
-        closing_energy[t] = energy
+            energy += real(0.5) * get(closing_shear, t) * wp.dot(spring, spring)
+        put(closing_energy, t, energy)
 
     return kernel(evm_closing_energies, simd)
 
@@ -720,13 +722,13 @@ def evm_angles(s: Laws, k: Laws, simd: bool = True):
             orientation,
         )
         bend = wp.max(angle.squared(x.bend_i), angle.squared(x.bend_j))
-        evm_bend[c] = wp.sqrt(bend)
-        evm_elongation[c] = x.elongation / real(evm_length[c])
+        put(evm_bend, c, wp.sqrt(bend))
+        put(evm_elongation, c, x.elongation / real(get(evm_length, c)))
         if wp.static(s.dim == 3):
             # swing and twist: the turn about the mean of both axes
             axis = x.p + x.m
             along = wp.dot(x.half, axis) / wp.max(wp.length(axis), real(1.0e-6))
-            evm_twist[c] = real(2.0) * wp.atan2(wp.abs(along), wp.abs(x.cosine))
+            put(evm_twist, c, real(2.0) * wp.atan2(wp.abs(along), wp.abs(x.cosine)))
 
     return kernel(evm_angles, simd)
 
@@ -751,15 +753,15 @@ def evm_unlink(s: Laws, has_volume: bool, has_dashpots: bool, softens: bool, sim
     ):
         b = nn(listed[wp.tid() + first])
         c = nn(b - first_evm)
-        keep = bond_linked[b]
+        keep = get(bond_linked, b)
         if wp.static(softens):
-            keep = bond_keep[b]
-            bond_keep[b] = real(1.0)
+            keep = get(bond_keep, b)
+            put(bond_keep, b, real(1.0))
         for n in range(4):
             evm_stiffness[4 * c + n] = keep * evm_stiffness[4 * c + n]
             if wp.static(has_dashpots):
                 evm_dashpot[4 * c + n] = keep * evm_dashpot[4 * c + n]
         if wp.static(has_volume):
-            bond_weight[b] = keep * bond_weight[b]
+            put(bond_weight, b, keep * get(bond_weight, b))
 
     return kernel(evm_unlink, simd)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
-from .memory import nn
+from .memory import get, nn
 
 
 class Faces(NamedTuple):
@@ -70,8 +70,8 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         orientation: wp.array(dtype=k.real),
     ):
         """Opening, and the arms from both centres to the face, in the world frame."""
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         qi = k.load_rot(orientation, i)
         qj = k.load_rot(orientation, j)
         ci = load_arm(bond_arm, nn(2 * b))
@@ -93,8 +93,8 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         Q_j s_ji (theory B2a)."""
         si = k.load(bond_slip, nn(2 * b))
         sj = k.load(bond_slip, nn(2 * b + 1))
-        qi = k.load_rot(orientation, nn(bond_i[b]))
-        qj = k.load_rot(orientation, nn(bond_j[b]))
+        qi = k.load_rot(orientation, nn(get(bond_i, b)))
+        qj = k.load_rot(orientation, nn(get(bond_j, b)))
         return narrowed(si + k.turn(qi, si)), narrowed(sj + k.turn(qj, sj))
 
     @wp.func
@@ -152,8 +152,8 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         It is not the centre line: m S n must sum to m V 1 with the carried arms (theory B6).
         """
         n0 = k.unit(load_arm(bond_arm, nn(2 * b)) - load_arm(bond_arm, nn(2 * b + 1)))
-        qi = k.load_rot(orientation, nn(bond_i[b]))
-        qj = k.load_rot(orientation, nn(bond_j[b]))
+        qi = k.load_rot(orientation, nn(get(bond_i, b)))
+        qj = k.load_rot(orientation, nn(get(bond_j, b)))
         return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))
 
     narrowed_spin = narrow_spin(s, k)
@@ -167,7 +167,7 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
     ):
         """Vector and scalar part of the rotation from i to j."""
         turned = k.relative(
-            k.load_rot(orientation, nn(bond_i[b])), k.load_rot(orientation, nn(bond_j[b]))
+            k.load_rot(orientation, nn(get(bond_i, b))), k.load_rot(orientation, nn(get(bond_j, b)))
         )
         return narrowed_spin(k.axial(turned)), real(k.scalar(turned))
 

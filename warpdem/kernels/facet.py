@@ -13,7 +13,7 @@ from .closing import PARTED, TURNED, UNKNOWN, closing
 from .contact import pair, pressing
 from .face import Faces, face
 from .friction import face_friction
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 from .volume import volume
 
 # cosines of the turn of two faces against each other up to which they resist closing wholly, and
@@ -130,7 +130,7 @@ def facet_forces(
     ):
         b = nn(wp.tid() + first)
         if wp.static(is_listed):
-            b = nn(listed[b])
+            b = nn(get(listed, b))
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
@@ -138,12 +138,12 @@ def facet_forces(
         if wp.static(faces.has_slip):
             si, sj = geometry.load_slips(b, bond_i, bond_j, bond_slip, orientation)
             spring = delta + sj - si
-        f = law.force(facet_stiffness[b], spring)
+        f = law.force(get(facet_stiffness, b), spring)
         pull = f
         if wp.static(has_volume):
-            gi = volume_stress[nn(bond_i[b])]
-            gj = volume_stress[nn(bond_j[b])]
-            fi, fj = many.force(bond_weight[b], gi, gj, ci, cj)
+            gi = get(volume_stress, get(bond_i, b))
+            gj = get(volume_stress, get(bond_j, b))
+            fi, fj = many.force(get(bond_weight, b), gi, gj, ci, cj)
             f = f + fi + fj
             if wp.static(faces.has_creep):  # of the opening of the anchors, and acting there
                 delta = spring
@@ -160,7 +160,7 @@ def facet_forces(
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             half, cosine = geometry.load_turn(b, bond_i, bond_j, orientation)
             t = law.bending_torque(
-                facet_bending[nn(2 * b)], facet_bending[nn(2 * b + 1)], p, m, half, cosine
+                get(facet_bending, 2 * b), get(facet_bending, 2 * b + 1), p, m, half, cosine
             )
             ti += t
             tj -= t
@@ -190,7 +190,7 @@ def turning(s: Laws, k: Laws, touch_law: str | None) -> Laws:
         held = real(0.0)
         if wp.static(touch_law is not None):
             r = wp.length(d)
-            gap = r - real(contact_radius[i] + contact_radius[j])
+            gap = r - real(get(contact_radius, i) + get(contact_radius, j))
             stiffness = geometry.load_normal_stiffness(
                 wp.min(i, j), wp.max(i, j), contact_radius, contact_width, contact_compliance
             )
@@ -253,7 +253,7 @@ def facet_closing(
     ):
         t = wp.tid()
         b = nn(listed[t])
-        if bond_linked[b] == real(0.0):
+        if get(bond_linked, b) == real(0.0):
             delta, ci, cj = geometry.load_anchors(
                 b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
             )
@@ -266,7 +266,7 @@ def facet_closing(
             aside = s.vec()
             if meets < real(1.0) and closing_stiffness[t] != real(0.0):
                 push, other = turned_law.load_sphere(
-                    bond_i[b], bond_j[b], ci + delta - cj,
+                    get(bond_i, b), get(bond_j, b), ci + delta - cj,
                     contact_radius, contact_width, contact_compliance,
                 )  # fmt: skip
                 aside = (real(1.0) - meets) * push
@@ -277,11 +277,11 @@ def facet_closing(
                 row = int(0)  # noqa: UP018, RUF046
                 mu = friction
                 if wp.static(by_kind):
-                    row = kinds * contact_kind[bond_i[b]] + contact_kind[bond_j[b]]
+                    row = kinds * contact_kind[get(bond_i, b)] + contact_kind[get(bond_j, b)]
                     mu = friction_table[row]
                 is_new = closing_gap[t] >= real(UNKNOWN)
                 hold = rubbing.rub(
-                    t, delta, wp.normalize(p + m), pull, is_new, nn(bond_i[b]), orientation,
+                    t, delta, wp.normalize(p + m), pull, is_new, nn(get(bond_i, b)), orientation,
                     mu, row, friction_numbers, closing_shear, closing_slip, closing_spring,
                     closing_theta, closing_slip_energy, dt,
                 )  # fmt: skip
@@ -342,8 +342,8 @@ def facet_settle(s: Laws, k: Laws, faces: Faces):
         contact.settle(
             t,
             b,
-            nn(bond_i[b]),
-            nn(bond_j[b]),
+            nn(get(bond_i, b)),
+            nn(get(bond_j, b)),
             wp.normalize(p + m),
             ci + real(0.5) * delta,
             cj - real(0.5) * delta,
@@ -392,12 +392,12 @@ def facet_energies(
         delta, _ci, _cj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
-        energy = law.energy(facet_stiffness[b], delta)
+        energy = law.energy(get(facet_stiffness, b), delta)
         if wp.static(has_bending):
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             half, _cosine = geometry.load_turn(b, bond_i, bond_j, orientation)
             energy += law.bending_energy(
-                facet_bending[nn(2 * b)], facet_bending[nn(2 * b + 1)], p, m, half
+                get(facet_bending, 2 * b), get(facet_bending, 2 * b + 1), p, m, half
             )
         linked_energy[t] = energy
 
@@ -444,23 +444,23 @@ def facet_closing_energies(
     ):
         t = nn(wp.tid())
         if wp.static(has_rows):
-            t = nn(rows[t])
-        b = nn(listed[t])
+            t = nn(get(rows, t))
+        b = nn(get(listed, t))
         delta, ci, cj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         meets, _slope = law.meeting(p, m)
-        energy = meets * contact.energy(closing_stiffness[t], law.gap(delta, p, m))
-        if meets < real(1.0) and closing_stiffness[t] != real(0.0):
+        energy = meets * contact.energy(get(closing_stiffness, t), law.gap(delta, p, m))
+        if meets < real(1.0) and get(closing_stiffness, t) != real(0.0):
             _push, other = turned_law.load_sphere(
-                bond_i[b], bond_j[b], ci + delta - cj,
+                get(bond_i, b), get(bond_j, b), ci + delta - cj,
                 contact_radius, contact_width, contact_compliance,
             )  # fmt: skip
             energy += (real(1.0) - meets) * other
         if wp.static(rubs):
-            energy += law.energy(closing_shear[t], s.load(closing_spring, t))
-        closing_energy[t] = energy
+            energy += law.energy(get(closing_shear, t), s.load(closing_spring, t))
+        put(closing_energy, t, energy)
 
     return kernel(facet_closing_energies, simd)
 
@@ -481,15 +481,15 @@ def facet_unlink(s: Laws, has_volume: bool, has_bending: bool, softens: bool, si
         bond_weight: wp.array(dtype=real),
     ):
         b = nn(listed[wp.tid()])
-        keep = bond_linked[b]
+        keep = get(bond_linked, b)
         if wp.static(softens):
-            keep = bond_keep[b]
-            bond_keep[b] = real(1.0)
-        facet_stiffness[b] = keep * facet_stiffness[b]
+            keep = get(bond_keep, b)
+            put(bond_keep, b, real(1.0))
+        put(facet_stiffness, b, keep * get(facet_stiffness, b))
         if wp.static(has_bending):
             for n in range(2):
                 facet_bending[2 * b + n] = keep * facet_bending[2 * b + n]
         if wp.static(has_volume):
-            bond_weight[b] = keep * bond_weight[b]
+            put(bond_weight, b, keep * get(bond_weight, b))
 
     return kernel(facet_unlink, simd)

@@ -14,7 +14,7 @@ from .algebra import Laws, narrow
 from .face import Faces, face
 from .facet import facet
 from .fracture import pair_tensor
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 from .plastic import Flow, flow_stress, numbers_type
 
 LEAST_JACOBIAN = 1e-2  # beyond it an element is lost; its volume stress grows no more
@@ -31,14 +31,14 @@ def gradients(s: Laws) -> Laws:
         m = mat()
         for row in range(wp.static(dim)):
             for column in range(wp.static(dim)):
-                m[row, column] = a[nn(wp.static(dim * dim) * i + wp.static(dim) * row + column)]
+                m[row, column] = get(a, wp.static(dim * dim) * i + wp.static(dim) * row + column)
         return m
 
     @wp.func
     def store(a: wp.array(dtype=real), i: int, m: mat):
         for row in range(wp.static(dim)):
             for column in range(wp.static(dim)):
-                a[nn(wp.static(dim * dim) * i + wp.static(dim) * row + column)] = m[row, column]
+                put(a, wp.static(dim * dim) * i + wp.static(dim) * row + column, m[row, column])
 
     @wp.func
     def deformation(h: mat) -> mat:
@@ -166,10 +166,10 @@ def centre_openings(s: Laws, k: Laws, faces: Faces, simd: bool = True):
         centre_opening: wp.array(dtype=real),
     ):
         b = nn(wp.tid())
-        du = k.load(displacement, nn(bond_j[b])) - k.load(displacement, nn(bond_i[b]))
+        du = k.load(displacement, nn(get(bond_j, b))) - k.load(displacement, nn(get(bond_i, b)))
         if wp.static(faces.has_jump):
             du += k.load(bond_jump, b)
-        s.store(centre_opening, b, bond_weight[b] * narrowed(du))
+        s.store(centre_opening, b, get(bond_weight, b) * narrowed(du))
 
     return kernel(centre_openings, simd)
 
@@ -203,20 +203,20 @@ def deformations(s: Laws, k: Laws, faces: Faces, slots: int, has_dilation: bool,
         i = nn(wp.tid())
         h = g.mat()
         for slot in range(wp.static(slots)):
-            entry = nn(incidence[nn(slot * elements + i)])
+            entry = nn(get(incidence, slot * elements + i))
             own = real(1 - 2 * (entry & 1)) * s.load(centre_opening, nn(entry >> 1))
             h += wp.outer(own, narrowed(geometry.load_arm(bond_arm, entry)))
         shape = g.load(inverse_shape, i)
-        h = (h * shape) / element_volume[i]
+        h = (h * shape) / get(element_volume, i)
         e = g.dilation(h)
         if wp.static(has_dilation):
-            e = e - plastic_dilation[i]
-        stress = volume_stiffness[i] * e
+            e = e - get(plastic_dilation, i)
+        stress = get(volume_stiffness, i) * e
         g.store(displacement_gradient, i, h)
         g.store(volume_pull, i, stress * (g.spatial(h) * wp.transpose(shape)))
-        volume_stress[i] = stress
+        put(volume_stress, i, stress)
         if wp.static(faces.has_slip):
-            mean_stress[i] = mean_stiffness[i] * e
+            put(mean_stress, i, get(mean_stiffness, i) * e)
 
     return kernel(deformations, simd)
 
@@ -255,7 +255,7 @@ def finite_forces(s: Laws, k: Laws, faces: Faces, has_bending: bool, simd: bool 
         delta, yi, yj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
-        f = law.force(facet_stiffness[b], delta)
+        f = law.force(get(facet_stiffness, b), delta)
         if wp.static(faces.has_slip):
             s.store(trial_force, b, f)
         ti = s.cross(yi, f)
@@ -264,14 +264,17 @@ def finite_forces(s: Laws, k: Laws, faces: Faces, has_bending: bool, simd: bool 
             p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             half, cosine = geometry.load_turn(b, bond_i, bond_j, orientation)
             t = law.bending_torque(
-                facet_bending[nn(2 * b)], facet_bending[nn(2 * b + 1)], p, m, half, cosine
+                get(facet_bending, 2 * b), get(facet_bending, 2 * b + 1), p, m, half, cosine
             )
             ti += t
             tj -= t
         ci = narrowed(geometry.load_arm(bond_arm, nn(2 * b)))
         cj = narrowed(geometry.load_arm(bond_arm, nn(2 * b + 1)))
-        pull = g.load(volume_pull, nn(bond_i[b])) * ci - g.load(volume_pull, nn(bond_j[b])) * cj
-        s.store_ends(bond_place, end_force, end_torque, b, f + bond_weight[b] * pull, ti, tj)
+        pull = (
+            g.load(volume_pull, nn(get(bond_i, b))) * ci
+            - g.load(volume_pull, nn(get(bond_j, b))) * cj
+        )
+        s.store_ends(bond_place, end_force, end_torque, b, f + get(bond_weight, b) * pull, ti, tj)
 
     return kernel(finite_forces, simd)
 
@@ -295,10 +298,10 @@ def kirchhoff(s: Laws, k: Laws, faces: Faces, slots: int):
         t = g.mat()
         for slot in range(wp.static(slots)):
             at = nn(slot * elements + i)
-            c = narrowed(geometry.load_arm(bond_arm, nn(incidence[at])))
+            c = narrowed(geometry.load_arm(bond_arm, nn(get(incidence, at))))
             t += wp.outer(s.load(end_force, at), c)
         t = t * wp.transpose(g.deformation(g.load(displacement_gradient, i)))
-        return (real(0.5) / element_volume[i]) * (t + wp.transpose(t))
+        return (real(0.5) / get(element_volume, i)) * (t + wp.transpose(t))
 
     return stress
 
@@ -334,10 +337,10 @@ def kirchhoff_stresses(s: Laws, k: Laws, faces: Faces, slots: int, simd: bool = 
         g.store(kirchhoff_stress, i, t)
         p = g.mat()
         for slot in range(wp.static(slots)):
-            entry = nn(incidence[nn(slot * elements + i)])
+            entry = nn(get(incidence, slot * elements + i))
             f = real(1 - 2 * (entry & 1)) * s.load(trial_force, nn(entry >> 1))
             p += wp.outer(f, narrowed(geometry.load_arm(bond_arm, entry)))
-        g.store(spring_stress, i, (p * g.load(inverse_shape, i)) / element_volume[i])
+        g.store(spring_stress, i, (p * g.load(inverse_shape, i)) / get(element_volume, i))
 
     return kernel(kirchhoff_stresses, simd)
 
@@ -388,13 +391,15 @@ def true_stress(s: Laws, k: Laws, faces: Faces, slots: int, plane: str | None, s
         )
         plastic = real(0.0)
         if wp.static(plane == "strain"):
-            t[2, 2] = volume_stress[i]
+            t[2, 2] = get(volume_stress, i)
             if wp.static(faces.has_slip):
-                t[2, 2] -= element_two_shear[i] * plastic_strain_zz[i]
+                t[2, 2] -= get(element_two_shear, i) * get(plastic_strain_zz, i)
         if wp.static(plane == "stress" and faces.has_slip):
-            plastic = plastic_dilation[i]
+            plastic = get(plastic_dilation, i)
         h = g.load(displacement_gradient, i)
-        s.store_tensor(stress, i, t / ratio(h, volume_stress[i], element_two_shear[i], plastic))
+        s.store_tensor(
+            stress, i, t / ratio(h, get(volume_stress, i), get(element_two_shear, i), plastic)
+        )
 
     return kernel(true_stress, simd)
 
@@ -541,7 +546,7 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
         first: int,
     ):
         i = flow_elements[wp.tid() + first]
-        two_shear = element_two_shear[i]
+        two_shear = get(element_two_shear, i)
         h = g.load(displacement_gradient, i)
         f = g.deformation(h)
         springs = g.load(spring_stress, i) * wp.transpose(f)
@@ -549,19 +554,19 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
         if wp.min(s.load(inverse_mass, i)) == real(0.0):
             # a grip pulls at it beside its faces, by nobody knows what traction
             tau = real(0.5) * (springs + wp.transpose(springs))
-            tau += volume_stress[i] * wp.identity(n=wp.static(s.dim), dtype=real)
+            tau += get(volume_stress, i) * wp.identity(n=wp.static(s.dim), dtype=real)
         t = g.embed(tau)
         pulled = g.embed(springs)
         stretch = g.embed(f * wp.transpose(f))
         dilated = real(0.0)
         if wp.static(plane == "strain"):
-            pulled[2, 2] = -two_shear * plastic_strain_zz[i]
-            t[2, 2] = volume_stress[i] + pulled[2, 2]
+            pulled[2, 2] = -two_shear * get(plastic_strain_zz, i)
+            t[2, 2] = get(volume_stress, i) + pulled[2, 2]
             stretch[2, 2] = real(1.0)
         if wp.static(plane == "stress"):
-            dilated = plastic_dilation[i]
-        j = ratio(h, volume_stress[i], two_shear, dilated)
-        p = plastic_strain[i]
+            dilated = get(plastic_dilation, i)
+        j = ratio(h, get(volume_stress, i), two_shear, dilated)
+        p = get(plastic_strain, i)
         slow, _slope = flowing(numbers, p, real(0.0), dt, hardening_strain, hardening_stress)
         kept = real(1.0)
         grown = real(0.0)
@@ -573,14 +578,14 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
             b = s.vec3(stretch[0, 0], stretch[1, 1], stretch[2, 2])
             # springs that pull alike in all directions, beyond what the change of volume asks for,
             # relax: m is the mean stress less that excess
-            excess = wp.trace(pulled) - two_shear * mean_stress[i] / mean_stiffness[i]
+            excess = wp.trace(pulled) - two_shear * get(mean_stress, i) / get(mean_stiffness, i)
             mean = measure.mean_stress(t) - excess / real(3.0)
             y, r, m = back.growth(
                 numbers,
                 wp.transpose(turn) * t * turn,
                 b,
                 mean,
-                volume_stiffness[i] / two_shear,
+                get(volume_stiffness, i) / two_shear,
                 j,
                 two_shear,
                 p,
@@ -597,12 +602,12 @@ def finite_return(s: Laws, k: Laws, plane: str | None, flow: Flow, simd: bool = 
             rate = g.project(d) * f
             grown_zz = d[2, 2]
             if wp.static(plane == "stress"):  # there the springs' excess is made good by P
-                plastic_dilation[i] = dilated - y * kept * excess / two_shear
-        return_factor[i] = kept
+                put(plastic_dilation, i, dilated - y * kept * excess / two_shear)
+        put(return_factor, i, kept)
         g.store(plastic_gradient, i, rate)
-        plastic_growth[i] = grown
+        put(plastic_growth, i, grown)
         if wp.static(plane is not None):
-            plastic_growth_zz[i] = grown_zz
+            put(plastic_growth_zz, i, grown_zz)
 
     return kernel(finite_return, simd)
 
@@ -643,24 +648,24 @@ def share_growth(s: Laws, k: Laws, faces: Faces, slots: int, plane: str | None, 
         grown = real(0.0)
         out = real(0.0)
         for slot in range(wp.static(slots)):
-            entry = nn(incidence[nn(slot * elements + i)])
+            entry = nn(get(incidence, slot * elements + i))
             b = entry >> 1
             if b < bonds:
-                j = nn(bond_i[nn(b)])
+                j = nn(get(bond_i, b))
                 if (entry & 1) == 0:
-                    j = nn(bond_j[nn(b)])
+                    j = nn(get(bond_j, b))
                 c = narrowed(geometry.load_arm(bond_arm, entry))
-                way = (bond_weight[nn(b)] / (dim * element_volume[i])) * (shape * c)
+                way = (get(bond_weight, b) / (dim * get(element_volume, i))) * (shape * c)
                 own = wp.dot(way, c)
                 other = -wp.dot(way, narrowed(geometry.load_arm(bond_arm, nn(entry ^ 1))))
-                grown += own * plastic_growth[i] + other * plastic_growth[j]
+                grown += own * get(plastic_growth, i) + other * get(plastic_growth, j)
                 if wp.static(plane is not None):
-                    out += own * plastic_growth_zz[i] + other * plastic_growth_zz[j]
-        plastic_strain[i] = plastic_strain[i] + grown
+                    out += own * get(plastic_growth_zz, i) + other * get(plastic_growth_zz, j)
+        put(plastic_strain, i, get(plastic_strain, i) + grown)
         if wp.static(plane == "strain"):
-            plastic_strain_zz[i] = plastic_strain_zz[i] + out
+            put(plastic_strain_zz, i, get(plastic_strain_zz, i) + out)
         if wp.static(plane == "stress"):
-            plastic_dilation[i] = plastic_dilation[i] - out
+            put(plastic_dilation, i, get(plastic_dilation, i) - out)
 
     return kernel(share_growth, simd)
 
@@ -711,20 +716,20 @@ def finite_slip(s: Laws, k: Laws, faces: Faces, evaluates_anew: bool, simd: bool
         bond_dissipation: wp.array(dtype=wp.float64),
     ):
         b = nn(wp.tid())
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         delta, yi, yj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
-        stiffness = facet_stiffness[b]
+        stiffness = get(facet_stiffness, b)
         after = law.force(stiffness, delta)
         wi, wj = geometry.load_weights(b, bond_arm)
-        kept = wi * return_factor[i] + wj * return_factor[j]
+        kept = wi * get(return_factor, i) + wj * get(return_factor, j)
         if stiffness > real(0.0) and kept < real(1.0):
             ci = narrowed(geometry.load_arm(bond_arm, nn(2 * b)))
             cj = narrowed(geometry.load_arm(bond_arm, nn(2 * b + 1)))
             shared = wi * g.load(spring_stress, i) + wj * g.load(spring_stress, j)
-            beside = after - bond_weight[b] * (shared * (ci - cj))
+            beside = after - get(bond_weight, b) * (shared * (ci - cj))
             relaxed = (real(0.5) * (real(1.0) - kept) / stiffness) * beside
             pi = relaxed + g.load(plastic_gradient, i) * ci
             pj = relaxed - g.load(plastic_gradient, j) * cj
@@ -732,14 +737,16 @@ def finite_slip(s: Laws, k: Laws, faces: Faces, evaluates_anew: bool, simd: bool
             lost = stiffness * p
             after = after - lost
             before = s.load(spring_force, b)
-            bond_dissipation[b] = bond_dissipation[b] + wp.float64(
-                real(0.5) * wp.dot(p, after + before)
+            put(
+                bond_dissipation,
+                b,
+                get(bond_dissipation, b) + wp.float64(real(0.5) * wp.dot(p, after + before)),
             )
             move(nn(2 * b), i, pi, orientation, bond_slip)
             move(nn(2 * b + 1), j, -pj, orientation, bond_slip)
             if wp.static(not evaluates_anew):
-                at_i = nn(bond_place[nn(2 * b)])
-                at_j = nn(bond_place[nn(2 * b + 1)])
+                at_i = nn(get(bond_place, 2 * b))
+                at_j = nn(get(bond_place, 2 * b + 1))
                 s.store(end_force, at_i, s.load(end_force, at_i) - lost)
                 s.store(end_force, at_j, s.load(end_force, at_j) + lost)
                 ti = s.load_spin(end_torque, at_i) - s.cross(yi, lost) + s.cross(pi, after)

@@ -8,7 +8,7 @@ import warp as wp
 
 from .algebra import Laws
 from .face import Faces, face
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 
 
 @cache
@@ -213,10 +213,10 @@ def exceeding(s: Laws, test: Test):
     ) -> real:
         """What is compared with 1: the ratio, of which the greatest is kept, or what it has grown
         to with time."""
-        criterion_ratio[l] = wp.max(criterion_ratio[l], ratio)
+        put(criterion_ratio, l, wp.max(get(criterion_ratio, l), ratio))
         if wp.static(test.damage != ""):
-            damage = grown(ratio, break_damage[l], time, exponent, dt)
-            break_damage[l] = damage
+            damage = grown(ratio, get(break_damage, l), time, exponent, dt)
+            put(break_damage, l, damage)
             return damage
         return ratio
 
@@ -277,27 +277,29 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
         first_bond: int,
     ):
         l = nn(wp.tid() + first)
-        b = nn(listed[l])
+        b = nn(get(listed, l))
         if wp.static(is_contiguous):
             b = nn(wp.tid() + first_bond)
-        linked = bond_linked[b]
+        linked = get(bond_linked, b)
         if linked == real(0.0):
             return
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         n = s.embed(s.unit(p + m))
         if wp.static(test.is_interface):
             # the mean of both sides of the node: they differ by its mass times acceleration
-            force = s.load(end_force, nn(interface_place[nn(2 * l)]))
-            force += s.load(end_force, nn(interface_place[nn(2 * l + 1)]))
-            traction = s.embed(real(0.5) * force) / bond_area[b]
+            force = s.load(end_force, nn(get(interface_place, 2 * l)))
+            force += s.load(end_force, nn(get(interface_place, 2 * l + 1)))
+            traction = s.embed(real(0.5) * force) / get(bond_area, b)
         else:
-            traction = s.embed(s.load(end_force, nn(bond_place[nn(2 * b)]))) / bond_area[b]
+            traction = s.embed(s.load(end_force, nn(get(bond_place, 2 * b)))) / get(bond_area, b)
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
         wi, wj = geometry.load_weights(b, bond_arm)
         if wp.static(is_strain):
-            ratio = (wi * plastic_strain[i] + wj * plastic_strain[j]) / bond_strength[l]
+            ratio = (wi * get(plastic_strain, i) + wj * get(plastic_strain, j)) / get(
+                bond_strength, l
+            )
         else:
             mean = wi * s.load_tensor(stress, i) + wj * s.load_tensor(stress, j)
             whole = traction
@@ -305,23 +307,23 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
                 whole = traction / linked
             # a vector as an argument would stay one, and keep the loop from being vectorised
             numbers = four(number_1, number_2, number_3, number_4)
-            ratio = equivalent(law.tensor(mean, whole, n), n, numbers) / bond_strength[l]
+            ratio = equivalent(law.tensor(mean, whole, n), n, numbers) / get(bond_strength, l)
         ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if wp.static(test.softens):
-            if ratio > break_damage[l]:
-                break_damage[l] = ratio
-                kept = rule.left(ratio, softening_end[l])
+            if ratio > get(break_damage, l):
+                put(break_damage, l, ratio)
+                kept = rule.left(ratio, get(softening_end, l))
                 if linked == real(1.0):  # where it first failed
-                    break_normal[l] = wp.dot(traction, n)
-                    break_shear[l] = wp.length(s.split(traction, n))
-                bond_keep[b] = kept / linked
-                bond_linked[b] = kept
+                    put(break_normal, l, wp.dot(traction, n))
+                    put(break_shear, l, wp.length(s.split(traction, n)))
+                put(bond_keep, b, kept / linked)
+                put(bond_linked, b, kept)
                 any_broken[0] = real(1.0)
         else:
             if ratio > real(1.0):
-                bond_linked[b] = real(0.0)
-                break_normal[l] = wp.dot(traction, n)
-                break_shear[l] = wp.length(s.split(traction, n))
+                put(bond_linked, b, real(0.0))
+                put(break_normal, l, wp.dot(traction, n))
+                put(break_shear, l, wp.length(s.split(traction, n)))
                 any_broken[0] = real(1.0)
 
     return kernel(break_bonds, simd)
@@ -359,21 +361,21 @@ def break_beams(s: Laws, test: Test, is_contiguous: bool, simd: bool = True):
         first_evm: int,
     ):
         l = nn(wp.tid() + first)
-        b = nn(listed[l])
+        b = nn(get(listed, l))
         if wp.static(is_contiguous):
             b = nn(wp.tid() + first_bond)
-        if bond_linked[b] == real(0.0):
+        if get(bond_linked, b) == real(0.0):
             return
         c = nn(b - first_evm)
         # F_n/S + |M_b|/W and |F_s|/S + |M_t|/W_t; numbers: 1/S, 1/W, 1/W_t
-        normal = beam_load[nn(4 * c)] * number_1 + beam_load[nn(4 * c + 2)] * number_2
-        shear = beam_load[nn(4 * c + 1)] * number_1 + beam_load[nn(4 * c + 3)] * number_3
-        ratio = wp.max(normal, shear * number_4) / bond_strength[l]
+        normal = get(beam_load, 4 * c) * number_1 + get(beam_load, 4 * c + 2) * number_2
+        shear = get(beam_load, 4 * c + 1) * number_1 + get(beam_load, 4 * c + 3) * number_3
+        ratio = wp.max(normal, shear * number_4) / get(bond_strength, l)
         ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
         if ratio > real(1.0):
-            bond_linked[b] = real(0.0)
-            break_normal[l] = normal
-            break_shear[l] = shear
+            put(bond_linked, b, real(0.0))
+            put(break_normal, l, normal)
+            put(break_shear, l, shear)
             any_broken[0] = real(1.0)
 
     return kernel(break_beams, simd)
@@ -407,17 +409,17 @@ def log_breaks(s: Laws, has_volume: bool, softens: bool, simd: bool = True):
     ):
         t = wp.tid()
         l = rows[t]
-        b = listed[l]
+        b = get(listed, l)
         lost = real(1.0)
         if wp.static(softens):
-            lost = real(1.0) - bond_keep[b]
+            lost = real(1.0) - get(bond_keep, b)
         released = lost * linked_energy[t]
-        if bond_linked[b] == real(0.0):
-            released -= closing_energy[l]
-            break_step[b] = step
+        if get(bond_linked, b) == real(0.0):
+            released -= get(closing_energy, l)
+            put(break_step, b, step)
         if wp.static(has_volume):
-            released += element_release[bond_i[b]] + element_release[bond_j[b]]
-        break_energy[l] = break_energy[l] + released
+            released += element_release[get(bond_i, b)] + element_release[get(bond_j, b)]
+        put(break_energy, l, get(break_energy, l) + released)
 
     return kernel(log_breaks, simd)
 
@@ -440,9 +442,9 @@ def part_interfaces(s: Laws, softens: bool, simd: bool = True):
         b = interface_bonds[t]
         for side in range(2):
             half = interface_halves[2 * t + side]
-            bond_linked[half] = bond_linked[b]
+            bond_linked[half] = get(bond_linked, b)
             if wp.static(softens):
-                bond_keep[half] = bond_keep[b]
+                bond_keep[half] = get(bond_keep, b)
 
     return kernel(part_interfaces, simd)
 

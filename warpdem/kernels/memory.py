@@ -8,6 +8,7 @@ element's sum runs over contiguous memory, in a fixed order.
 """
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -16,19 +17,39 @@ from ..cache import sealed
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no line for every kernel loaded
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return i;
-#else
-    __builtin_assume(i >= 0); return i;
+_INDEX = """
+#if !defined(__CUDA_ARCH__)
+    __builtin_assume(i >= 0);
 #endif
-""")
+"""
+_LOAD, _STORE = _INDEX + "return a.data[i];", _INDEX + "a.data[i] = value;"
+
+
+@wp.func_native(_INDEX + "return i;")
 def nn(i: int) -> int: ...  # an index known not to be negative: turns gathers into plain loads
+
+
+# Entry i of an array, i not negative. Warp's own a[i] multiplies by a stride that it does not know
+# to be that of a whole array, for each lane of a vector loop.
+@wp.func_native(_LOAD)
+def get(a: wp.array(dtype=wp.float32), i: int) -> wp.float32: ...
+
+
+@wp.func_native(_LOAD)
+def get(a: wp.array(dtype=wp.float64), i: int) -> wp.float64: ...  # noqa: F811
+
+
+@wp.func_native(_LOAD)
+def get(a: wp.array(dtype=wp.int32), i: int) -> wp.int32: ...  # noqa: F811
+
+
+@wp.func_native(_STORE)
+def put(a: wp.array(dtype=Any), i: int, value: Any): ...  # a[i] = value
 
 
 # indices that a vector loop runs over at a time, and threads take several of: compilers may run the
 # last ones of a loop as plain code, whose last bits differ, so loops end where they always do
-CHUNK = 2048
+CHUNK = 512
 _LOOP = "    for (size_t task_index = 0; task_index < dim->size; ++task_index)"
 # shape and size of a launch over one dimension agree; in a thread's share of it they do not
 _PATCH = """    size_t task_first = 0;

@@ -8,7 +8,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws, narrow, narrow_spin
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 
 # whether forces, whether torques act from outside, and how many loads change with time
 Loads = tuple[bool, bool, int]
@@ -123,7 +123,7 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
             orientation: wp.array(dtype=place),
         ) -> s.spin:
             """Spin after an angular impulse [N m s]."""
-            return w + inverse_inertia[i] * twist
+            return w + get(inverse_inertia, i) * twist
 
         @wp.func
         def energy(
@@ -135,7 +135,7 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
             orientation: wp.array(dtype=place),
         ) -> real:
             """Kinetic energy of a spin [J]."""
-            return real(0.5) * inertia[i] * s.spin_squared(w)
+            return real(0.5) * get(inertia, i) * s.spin_squared(w)
 
         return Laws(spun=spun, energy=energy)
 
@@ -162,7 +162,7 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
         q = axes_of(i, principal_axes, orientation)
         moment = k.vec(widened_spin(s.load(principal_moment, i)))
         change = wp.quat_rotate(q, wp.cw_div(wp.quat_rotate_inv(q, widened_spin(twist)), moment))
-        return w + wp.where(inverse_inertia[i] == real(0.0), real(0.0), real(1.0)) * narrowed(
+        return w + wp.where(get(inverse_inertia, i) == real(0.0), real(0.0), real(1.0)) * narrowed(
             change
         )
 
@@ -219,7 +219,7 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
         momentum = wp.cw_mul(moment, wp.quat_rotate_inv(q, after))
         lost = (size - wp.dot(momentum, momentum)) / wp.max(size, place(1.0e-30))
         after = after + place(0.5) * lost * after
-        if inverse_inertia[i] == real(0.0):  # a grip turns at its own constant rate
+        if get(inverse_inertia, i) == real(0.0):  # a grip turns at its own constant rate
             turned = k.rotate_by(k.load_rot(orientation, i), start, dt)
             after = start
         k.store_rot(orientation, i, turned)
@@ -268,7 +268,7 @@ def move(
         p = wp.dot(outer_f, v) + s.spin_dot(outer_t, w)
         for axis in range(wp.static(s.dim)):
             p -= wp.where(free[axis] == real(0.0), f[axis] * v[axis], real(0.0))
-        return p - wp.where(inverse_inertia[i] == real(0.0), s.spin_dot(t, w), real(0.0))
+        return p - wp.where(get(inverse_inertia, i) == real(0.0), s.spin_dot(t, w), real(0.0))
 
     @wp.func
     def accelerated(
@@ -288,12 +288,12 @@ def move(
         for axis in range(wp.static(s.dim)):
             gain += wp.where(
                 free[axis] == real(0.0),
-                mass[i] * (v[axis] * v[axis] - v_before[axis] * v_before[axis]),
+                get(mass, i) * (v[axis] * v[axis] - v_before[axis] * v_before[axis]),
                 real(0.0),
             )
         gain += wp.where(
-            inverse_inertia[i] == real(0.0),
-            inertia[i] * (s.spin_squared(w) - s.spin_squared(w_before)),
+            get(inverse_inertia, i) == real(0.0),
+            get(inertia, i) * (s.spin_squared(w) - s.spin_squared(w_before)),
             real(0.0),
         )
         return real(0.5) * gain
@@ -313,11 +313,11 @@ def move(
         """Velocity and spin, those of held axes as their grip has them now."""
         free = s.load(inverse_mass, i)
         given = s.load(grip_velocity, i)
-        factor = grip_factor[nn(grip[i])]
+        factor = get(grip_factor, get(grip, i))
         for axis in range(wp.static(s.dim)):
             v[axis] = wp.where(free[axis] == real(0.0), factor * given[axis], v[axis])
         turned = factor * s.load_spin(grip_spin, i)
-        return v, wp.where(inverse_inertia[i] == real(0.0), turned, w)
+        return v, wp.where(get(inverse_inertia, i) == real(0.0), turned, w)
 
     def move(
         # model
@@ -354,7 +354,7 @@ def move(
     ):
         i = nn(wp.tid() + first)
         if wp.static(is_listed):
-            i = nn(listed[i])
+            i = nn(get(listed, i))
         f, t = load_force(i, end_force, end_torque, elements)
         outer_f, outer_t = load_outer(
             i,
@@ -400,8 +400,8 @@ def move(
                     i, v, v_free, w, w_free, mass, inertia, inverse_mass, inverse_inertia
                 )
             # one after the other, as the kicks
-            work = element_work[i] + wp.float64(finished)
-            element_work[i] = work + wp.float64(done)
+            work = get(element_work, i) + wp.float64(finished)
+            put(element_work, i, work + wp.float64(done))
         if wp.static(drifts):
             k.store(displacement, i, k.load(displacement, i) + dt * widened(v))
             if wp.static(has_moments):
@@ -510,15 +510,19 @@ def element_energies(
         v = s.load(velocity, i)
         w = s.load_spin(angular_velocity, i)
         turning = rotor.energy(i, w, inertia, principal_moment, principal_axes, orientation)
-        kinetic_energy[i] = real(0.5) * mass[i] * wp.dot(v, v) + turning
+        put(kinetic_energy, i, real(0.5) * get(mass, i) * wp.dot(v, v) + turning)
         if wp.static(has_volume):
             # g = A E; where A = 0 there is no volume energy
-            a = volume_stiffness[i]
-            g = volume_stress[i]
+            a = get(volume_stiffness, i)
+            g = get(volume_stress, i)
             safe = wp.where(a == real(0.0), real(1.0), a)
-            volume_energy[i] = real(0.5) * element_volume[i] * g * g / safe
+            put(volume_energy, i, real(0.5) * get(element_volume, i) * g * g / safe)
             if wp.static(has_plastic_zz):  # plane strain: elastic eps_zz is -zz
-                zz = plastic_strain_zz[i]
-                locked_energy[i] = real(0.5) * element_volume[i] * element_two_shear[i] * zz * zz
+                zz = get(plastic_strain_zz, i)
+                put(
+                    locked_energy,
+                    i,
+                    real(0.5) * get(element_volume, i) * get(element_two_shear, i) * zz * zz,
+                )
 
     return kernel(element_energies, simd)

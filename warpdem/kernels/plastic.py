@@ -15,7 +15,7 @@ from .evm import evm, evm_kinematics
 from .face import Faces, face
 from .facet import facet
 from .fracture import pair_tensor
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 from .stress import average_stress
 
 
@@ -322,46 +322,46 @@ def radial_return(
     ):
         i = flow_elements[wp.tid() + first]
         t = average(i, incidence, bond_arm, element_volume, orientation, end_force, elements)
-        two_shear = element_two_shear[i]
-        p = plastic_strain[i]
+        two_shear = get(element_two_shear, i)
+        p = get(plastic_strain, i)
         if wp.static(plane == "stress"):
             p2 = real(0.5) * (t[0, 0] + t[1, 1])
             half = real(0.5) * (t[0, 0] - t[1, 1])
             d2 = wp.sqrt(half * half + t[0, 1] * t[0, 1])
-            a1 = two_shear / (real(3.0) - real(2.0) * element_coupling[i])
+            a1 = two_shear / (real(3.0) - real(2.0) * get(element_coupling, i))
             x = back.plane_growth(
                 numbers, p2, d2, two_shear, a1, p, dt, hardening_strain, hardening_stress
             )
             mh = real(1.0) / (real(1.0) + a1 * x)
             grown = x * p2 * mh / real(3.0)
-            plastic_strain[i] = p + two_thirds * x * back.kept(p2, d2, two_shear, a1, x)
-            plastic_dilation[i] = plastic_dilation[i] + real(2.0) * grown
-            return_loss[i] = two_shear * x / (real(1.0) + two_shear * x)
-            return_mean[i] = p2
-            return_growth[i] = grown
+            put(plastic_strain, i, p + two_thirds * x * back.kept(p2, d2, two_shear, a1, x))
+            put(plastic_dilation, i, get(plastic_dilation, i) + real(2.0) * grown)
+            put(return_loss, i, two_shear * x / (real(1.0) + two_shear * x))
+            put(return_mean, i, p2)
+            put(return_growth, i, grown)
         else:
             if wp.static(plane == "strain"):
-                t[2, 2] = volume_stress[i] - two_shear * plastic_strain_zz[i]
+                t[2, 2] = get(volume_stress, i) - two_shear * get(plastic_strain_zz, i)
             m = measure.mean_stress(t)
             q = measure.von_mises(t)
             stiffness = real(1.5) * two_shear
-            bulk = two_shear / (real(3.0) * (real(1.0) - element_coupling[i]))
+            bulk = two_shear / (real(3.0) * (real(1.0) - get(element_coupling, i)))
             x = back.solid_growth(
                 numbers, q, m, stiffness, bulk, p, dt, hardening_strain, hardening_stress
             )
             loss = real(0.0)
             if x > real(0.0):
                 loss = wp.min(stiffness * x / q, real(1.0))
-            plastic_strain[i] = p + x
-            return_loss[i] = loss
+            put(plastic_strain, i, p + x)
+            put(return_loss, i, loss)
             grown = real(0.0)
             if wp.static(flow.has_friction):
                 grown = numbers[7] * x / real(3.0)
-                plastic_dilation[i] = plastic_dilation[i] + numbers[7] * x
-                return_growth[i] = grown
+                put(plastic_dilation, i, get(plastic_dilation, i) + numbers[7] * x)
+                put(return_growth, i, grown)
             if wp.static(plane == "strain"):
                 zz = loss * (t[2, 2] - m) / two_shear + grown
-                plastic_strain_zz[i] = plastic_strain_zz[i] + zz
+                put(plastic_strain_zz, i, get(plastic_strain_zz, i) + zz)
 
     return kernel(radial_return, simd)
 
@@ -418,8 +418,8 @@ def slip(s: Laws, k: Laws) -> Laws:
     ):
         """Forces and torques of bond b after its anchors, before at yi and yj from the centres,
         moved by pi and pj, which took `lost` of the force."""
-        at_i = nn(bond_place[nn(2 * b)])
-        at_j = nn(bond_place[nn(2 * b + 1)])
+        at_i = nn(get(bond_place, 2 * b))
+        at_j = nn(get(bond_place, 2 * b + 1))
         s.store(end_force, at_i, s.load(end_force, at_i) - lost)
         s.store(end_force, at_j, s.load(end_force, at_j) + lost)
         ti = s.load_spin(end_torque, at_i) - s.cross(yi, lost) + s.cross(pi, after)
@@ -470,31 +470,33 @@ def facet_slip(
         bond_dissipation: wp.array(dtype=wp.float64),
     ):
         b = nn(wp.tid())
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         delta, yi, yj = geometry.load_anchors(
             b, bond_i, bond_j, bond_arm, bond_jump, bond_slip, displacement, orientation
         )
-        stiffness = facet_stiffness[b]
+        stiffness = get(facet_stiffness, b)
         after = law.force(stiffness, delta)
         wi, wj = geometry.load_weights(b, bond_arm)
         own = wp.where(wi > real(0.0), i, j)  # not a node, which does not turn
-        loss = wi * return_loss[i] + wj * return_loss[j]
+        loss = wi * get(return_loss, i) + wj * get(return_loss, j)
         grown = real(0.0)
         if wp.static(has_dilation):
-            grown = wi * return_growth[i] + wj * return_growth[j]
+            grown = wi * get(return_growth, i) + wj * get(return_growth, j)
         if stiffness > real(0.0) and (loss > real(0.0) or grown != real(0.0)):
             ni, nj = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
             n = wp.normalize(wi * ni + wj * nj)
-            mean = wi * return_mean[i] + wj * return_mean[j]
-            whole = s.load(end_force, nn(bond_place[nn(2 * b)])) - (bond_area[b] * mean) * n
+            mean = wi * get(return_mean, i) + wj * get(return_mean, j)
+            whole = s.load(end_force, nn(get(bond_place, 2 * b))) - (get(bond_area, b) * mean) * n
             lost = loss * whole
             if wp.static(has_dilation):
                 lost += (stiffness * geometry.load_distance(b, bond_arm) * grown) * n
             p = lost / stiffness
             after = after - lost
-            bond_dissipation[b] = bond_dissipation[b] + moved.books(
-                b, own, p, after, orientation, spring_force
+            put(
+                bond_dissipation,
+                b,
+                get(bond_dissipation, b) + moved.books(b, own, p, after, orientation, spring_force),
             )
             # each anchor by its weight, opposite ways: of a face with a node the element's alone,
             # as a node does not turn
@@ -548,8 +550,8 @@ def evm_slips(s: Laws, k: Laws, faces: Faces, has_dilation: bool, simd: bool = T
     ):
         c = nn(wp.tid())
         b = nn(c + first_evm)
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         x = kinematics.load_flowed(
             b,
             c,
@@ -564,35 +566,35 @@ def evm_slips(s: Laws, k: Laws, faces: Faces, has_dilation: bool, simd: bool = T
             orientation,
         )
         stiffness = law.load_stiffness(evm_stiffness, c)
-        a = real(evm_length[c])
+        a = real(get(evm_length, c))
         # forces against slips along the bond and, of the tilts of both ends, across it
         pull = stiffness[0] * x.elongation
         shear = (-real(0.5) * stiffness[1] / a) * (x.bend_i + x.bend_j)
         wi, wj = geometry.load_weights(b, bond_arm)
-        loss = wi * return_loss[i] + wj * return_loss[j]
+        loss = wi * get(return_loss, i) + wj * get(return_loss, j)
         grown = real(0.0)
         if wp.static(has_dilation):
-            grown = wi * return_growth[i] + wj * return_growth[j]
+            grown = wi * get(return_growth, i) + wj * get(return_growth, j)
         if stiffness[0] > real(0.0) and (loss > real(0.0) or grown != real(0.0)):
             n = x.d
-            mean = wi * return_mean[i] + wj * return_mean[j]
-            whole = s.load(end_force, nn(bond_place[nn(2 * b)])) - (bond_area[b] * mean) * n
+            mean = wi * get(return_mean, i) + wj * get(return_mean, j)
+            whole = s.load(end_force, nn(get(bond_place, 2 * b))) - (get(bond_area, b) * mean) * n
             lost = loss * whole
             if wp.static(has_dilation):
                 lost += (stiffness[0] * geometry.load_distance(b, bond_arm) * grown) * n
             along = wp.dot(lost, n)
             longer = along / stiffness[0]
             pull = pull - along
-            evm_slip[c] = evm_slip[c] + longer
-            taken = wp.float64(real(0.5) * longer * (pull + spring_pull[c]))
+            put(evm_slip, c, get(evm_slip, c) + longer)
+            taken = wp.float64(real(0.5) * longer * (pull + get(spring_pull, c)))
             if stiffness[1] > real(0.0):  # B2 = c_D a^2
                 across = (x.length * a / stiffness[1]) * (lost - along * n)
                 shear = shear - (stiffness[1] / (a * a)) * across
                 taken += moved.books(b, i, across, shear, orientation, spring_force)
                 moved.store(nn(2 * c), i, across / a, orientation, evm_tilt)
                 moved.store(nn(2 * c + 1), j, across / a, orientation, evm_tilt)
-            bond_dissipation[b] = bond_dissipation[b] + taken
-        spring_pull[c] = pull
+            put(bond_dissipation, b, get(bond_dissipation, b) + taken)
+        put(spring_pull, c, pull)
         s.store(spring_force, b, narrowed(moved.carried(i, shear, orientation)))
 
     return kernel(evm_slips, simd)
@@ -616,13 +618,16 @@ def dilation_books(s: Laws, simd: bool = True):
         element_dissipation: wp.array(dtype=wp.float64),
     ):
         i = flow_elements[wp.tid()]
-        g = volume_stress[i]
-        p = plastic_dilation[i]
-        mean = real(0.5) * (g + last_volume_stress[i])
-        element_dissipation[i] = element_dissipation[i] + wp.float64(
-            element_volume[i] * (p - last_dilation[i]) * mean
+        g = get(volume_stress, i)
+        p = get(plastic_dilation, i)
+        mean = real(0.5) * (g + get(last_volume_stress, i))
+        put(
+            element_dissipation,
+            i,
+            get(element_dissipation, i)
+            + wp.float64(get(element_volume, i) * (p - get(last_dilation, i)) * mean),
         )
-        last_volume_stress[i] = g
-        last_dilation[i] = p
+        put(last_volume_stress, i, g)
+        put(last_dilation, i, p)
 
     return kernel(dilation_books, simd)

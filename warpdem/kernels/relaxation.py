@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from .algebra import Laws
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 from .motion import Loads, inertia, net
 
 
@@ -57,9 +57,13 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
             i, s.no_spin(), t, inverse_inertia, principal_moment, principal_axes, orientation
         )
         turning = rotor.energy(i, w, inertia, principal_moment, principal_axes, orientation)
-        relaxing_power[i] = wp.dot(f, v) + s.spin_dot(t, w)
-        relaxing_kinetic[i] = mass[i] * wp.dot(v, v) + real(2.0) * turning
-        relaxing_force[i] = wp.dot(f, wp.cw_mul(s.load(inverse_mass, i), f)) + s.spin_dot(t, spin)
+        put(relaxing_power, i, wp.dot(f, v) + s.spin_dot(t, w))
+        put(relaxing_kinetic, i, get(mass, i) * wp.dot(v, v) + real(2.0) * turning)
+        put(
+            relaxing_force,
+            i,
+            wp.dot(f, wp.cw_mul(s.load(inverse_mass, i), f)) + s.spin_dot(t, spin),
+        )
 
     return kernel(fire_power, simd)
 

@@ -12,7 +12,7 @@ import warp as wp
 from .algebra import Laws, narrow
 from .closing import UNKNOWN
 from .face import Faces, face
-from .memory import kernel, nn
+from .memory import get, kernel, nn
 from .volume import volume
 
 WAITS, LINKS = 1, 2  # states of a bond that meets its law: it lacks the energy, or has it
@@ -52,7 +52,7 @@ def rest(s: Laws, k: Laws, faces: Faces, has_volume: bool):
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
-        at = nn(bond_place[nn(2 * b)])
+        at = nn(get(bond_place, 2 * b))
         f = s.load(end_force, at)
         torque = s.load_spin(end_torque, at)
         rest_i = real(0.0)
@@ -66,10 +66,10 @@ def rest(s: Laws, k: Laws, faces: Faces, has_volume: bool):
             fi, fj = many.force(w, gi, gj, ci, cj)
             f -= fi + fj
             torque -= s.cross(ci, fi + fj) + s.cross(delta, fi)
-            rest_i = w * wp.dot(ci, delta) + gi * bond_face[nn(2 * b)] / element_two_shear[i]
-            rest_j = -w * wp.dot(cj, delta) + gj * bond_face[nn(2 * b + 1)] / element_two_shear[j]
-            energy -= released(gi, bond_face[nn(2 * b)], element_two_shear[i])
-            energy -= released(gj, bond_face[nn(2 * b + 1)], element_two_shear[j])
+            rest_i = w * wp.dot(ci, delta) + gi * get(bond_face, 2 * b) / element_two_shear[i]
+            rest_j = -w * wp.dot(cj, delta) + gj * get(bond_face, 2 * b + 1) / element_two_shear[j]
+            energy -= released(gi, get(bond_face, 2 * b), element_two_shear[i])
+            energy -= released(gj, get(bond_face, 2 * b + 1), element_two_shear[j])
         square = wp.dot(f, f)
         energy += real(0.5) * square / stiffness
         # in the middle of the facet points, and moved across f to where the contact's torque asks
@@ -140,7 +140,7 @@ def heal_bonds(s: Laws, k: Laws, faces: Faces, has_volume: bool, rubs: bool, can
             return
         p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
         n = wp.normalize(p + m)
-        f = s.load(end_force, nn(bond_place[nn(2 * b)]))
+        f = s.load(end_force, nn(get(bond_place, 2 * b)))
         along = wp.dot(f, n)
         across = f - along * n
         pressed = -along / bond_area[b]
@@ -310,8 +310,8 @@ def join_faces(s: Laws, slots: int):
         i = listed[wp.tid()]
         faces = real(0.0)
         for slot in range(wp.static(slots)):
-            entry = nn(incidence[nn(slot * elements + i)])
-            faces += bond_linked[nn(entry >> 1)] * bond_face[entry]
+            entry = nn(get(incidence, slot * elements + i))
+            faces += get(bond_linked, entry >> 1) * bond_face[entry]
         volume_stiffness[i] = law.stiffness(
             element_two_shear[i], element_coupling[i], faces / element_volume[i], plane_strain
         )

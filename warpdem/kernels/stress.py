@@ -6,7 +6,7 @@ import warp as wp
 
 from .algebra import Laws, narrow
 from .face import Faces, face
-from .memory import kernel, nn
+from .memory import get, kernel, nn
 
 
 @cache
@@ -28,11 +28,11 @@ def average_stress(s: Laws, k: Laws, faces: Faces, slots: int):
         t = s.mat3()
         for slot in range(wp.static(slots)):
             at = nn(slot * elements + i)
-            entry = nn(incidence[at])
+            entry = nn(get(incidence, at))
             c0 = geometry.load_arm(bond_arm, entry)
             c = s.embed(narrowed(c0 + k.turn(q, c0)))
             t += wp.outer(c, s.embed(s.load(end_force, at)))
-        return (real(0.5) / element_volume[i]) * (t + wp.transpose(t))
+        return (real(0.5) / get(element_volume, i)) * (t + wp.transpose(t))
 
     return average
 
@@ -75,11 +75,11 @@ def element_stress(
         i = listed[wp.tid()]
         t = average(i, incidence, bond_arm, element_volume, orientation, end_force, elements)
         if wp.static(touches):
-            t += s.load_tensor(contact_moment, i) / element_volume[i]
+            t += s.load_tensor(contact_moment, i) / get(element_volume, i)
         if wp.static(plane_strain and has_volume):
-            t[2, 2] = volume_stress[i]
+            t[2, 2] = get(volume_stress, i)
             if wp.static(faces.has_slip and not faces.has_rest):
-                t[2, 2] -= element_two_shear[i] * plastic_strain_zz[i]
+                t[2, 2] -= get(element_two_shear, i) * get(plastic_strain_zz, i)
         s.store_tensor(stress, i, t)
 
     return kernel(element_stress, simd)

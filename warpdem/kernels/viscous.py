@@ -20,7 +20,7 @@ import warp as wp
 
 from .algebra import Laws, narrow, space
 from .face import Faces, face
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 from .motion import gather, inertia
 
 
@@ -53,8 +53,8 @@ def carrier(s: Laws, k: Laws, faces: Faces) -> Laws:
     ):
         """Mean rotation of both elements, and the share of i in it."""
         share = load_share(b, bond_arm)
-        qi = k.load_rot(orientation, nn(bond_i[b]))
-        qj = k.load_rot(orientation, nn(bond_j[b]))
+        qi = k.load_rot(orientation, nn(get(bond_i, b)))
+        qj = k.load_rot(orientation, nn(get(bond_j, b)))
         return wp.normalize(share * qi + (k.real(1.0) - share) * qj), share
 
     @wp.func
@@ -82,8 +82,8 @@ def carrier(s: Laws, k: Laws, faces: Faces) -> Laws:
         """Anchors of a slip p: each element carries its share of it."""
         own = share * p
         other = (share - k.real(1.0)) * p
-        qi = k.load_rot(orientation, nn(bond_i[b]))
-        qj = k.load_rot(orientation, nn(bond_j[b]))
+        qi = k.load_rot(orientation, nn(get(bond_i, b)))
+        qj = k.load_rot(orientation, nn(get(bond_j, b)))
         k.store(bond_slip, nn(2 * b), own + k.turn_back(qi, own))
         k.store(bond_slip, nn(2 * b + 1), other + k.turn_back(qj, other))
 
@@ -129,16 +129,18 @@ def mean_creep(s: Laws, slots: int, plane: str | None, branches: int, simd: bool
         i = nn(wp.tid())
         e = real(0.0)
         for slot in range(wp.static(slots)):
-            e += end_dilation[nn(slot * elements + i)]
-        e = e / element_volume[i]
+            e += get(end_dilation, slot * elements + i)
+        e = e / get(element_volume, i)
         if wp.static(plane == "strain"):
-            e = e - plastic_dilation[i]
-        mean = real(0.5) * (mean_stress[i] + mean_stiffness[i] * e)
-        kept = element_spherical[i]
+            e = e - get(plastic_dilation, i)
+        mean = real(0.5) * (get(mean_stress, i) + get(mean_stiffness, i) * e)
+        kept = get(element_spherical, i)
         if wp.static(plane is not None):
-            law = nn(wp.static(branches) * element_law[i])
+            law = nn(wp.static(branches) * get(element_law, i))
             # of nodes, which have no stiffness, nothing creeps
-            two_shear = d(wp.where(element_two_shear[i] > real(0.0), element_two_shear[i], real(1)))
+            two_shear = d(
+                wp.where(get(element_two_shear, i) > real(0.0), get(element_two_shear, i), real(1))
+            )
             z = d(0.0)
             pull = d(0.0)
             back = d(0.0)
@@ -153,9 +155,9 @@ def mean_creep(s: Laws, slots: int, plane: str | None, branches: int, simd: bool
             across = -d(kept * mean) / two_shear
             if wp.static(plane == "stress"):
                 held += z * z
-                softer = d(0.5) * (d(1.0) - d(mean_stiffness[i]) / two_shear)
+                softer = d(0.5) * (d(1.0) - d(get(mean_stiffness, i)) / two_shear)
                 across = (z - d(mean) / two_shear - softer * back) / (d(1.0) - softer * pull)
-                mean += real(0.5) * mean_stiffness[i] * real(pull * across - back)
+                mean += real(0.5) * get(mean_stiffness, i) * real(pull * across - back)
             z = d(0.0)
             for n in range(wp.static(branches)):
                 own = branch_zz[nn(n * elements + i)]
@@ -166,11 +168,11 @@ def mean_creep(s: Laws, slots: int, plane: str | None, branches: int, simd: bool
             if wp.static(plane == "stress"):
                 held -= z * z
             else:
-                plastic_strain_zz[i] = real(z)
-                plastic_dilation[i] = real(z)
+                put(plastic_strain_zz, i, real(z))
+                put(plastic_dilation, i, real(z))
             g = d(0.5) * two_shear
-            element_dissipation[i] = element_dissipation[i] - d(element_volume[i]) * g * held
-        viscous_mean[i] = kept * mean
+            element_dissipation[i] = element_dissipation[i] - d(get(element_volume, i)) * g * held
+        put(viscous_mean, i, kept * mean)
 
     return kernel(mean_creep, simd)
 
@@ -211,22 +213,22 @@ def facet_creep(s: Laws, k: Laws, faces: Faces, branches: int, simd: bool = True
         facets: int,
     ):
         b = nn(wp.tid())
-        stiffness = facet_stiffness[b]
+        stiffness = get(facet_stiffness, b)
         slipped = s.vec()
         if stiffness > real(0.0):
             delta, ci, cj = geometry.load_opening(
                 b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
             )
             q, share = own.load_frame(b, bond_i, bond_j, bond_arm, orientation)
-            w = bond_weight[b]
-            mean_i = viscous_mean[nn(bond_i[b])]
-            mean_j = viscous_mean[nn(bond_j[b])]
+            w = get(bond_weight, b)
+            mean_i = get(viscous_mean, get(bond_i, b))
+            mean_j = get(viscous_mean, get(bond_j, b))
             spherical = (w / stiffness) * (mean_i * ci - mean_j * cj)
             opening = own.carried(q, delta)
             deviator = d.real(0.5) * (opening + d.load(last_opening, b))
             deviator -= own.carried(q, spherical)
             d.store(last_opening, b, opening)
-            law = nn(wp.static(branches) * bond_law[b])
+            law = nn(wp.static(branches) * get(bond_law, b))
             total = d.vec()
             step = d.vec()
             held = d.real(0.0)
@@ -241,13 +243,17 @@ def facet_creep(s: Laws, k: Laws, faces: Faces, branches: int, simd: bool = True
                 step += part * dp
                 held += part * wp.dot(dp, d.real(2.0) * p - dp)
             held -= wp.dot(step, d.real(2.0) * total - step)
-            bond_dissipation[b] = bond_dissipation[b] - d.real(0.5) * d.real(stiffness) * held
+            put(
+                bond_dissipation,
+                b,
+                get(bond_dissipation, b) - d.real(0.5) * d.real(stiffness) * held,
+            )
             slip = own.in_world(q, total)
             own.store_slip(b, share, slip, bond_i, bond_j, orientation, bond_slip)
             slipped = own.narrowed(own.in_world(q, step))
             spring = delta - own.narrowed(slip)
-            end_dilation[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, spring)
-            end_dilation[nn(bond_place[nn(2 * b + 1)])] = -w * wp.dot(cj, spring)
+            put(end_dilation, get(bond_place, 2 * b), w * wp.dot(ci, spring))
+            put(end_dilation, get(bond_place, 2 * b + 1), -w * wp.dot(cj, spring))
         s.store(slip_step, b, slipped)
 
     return kernel(facet_creep, simd)
@@ -302,9 +308,9 @@ def creep_books(s: Laws, simd: bool = True):
         share: real,
     ):
         b = nn(wp.tid())
-        f = s.load(end_force, nn(bond_place[nn(2 * b)]))
+        f = s.load(end_force, nn(get(bond_place, 2 * b)))
         taken = real(0.5) * share * wp.dot(s.load(slip_step, b), f + s.load(last_force, b))
-        bond_dissipation[b] = bond_dissipation[b] + wp.float64(taken)
+        put(bond_dissipation, b, get(bond_dissipation, b) + wp.float64(taken))
         s.store(last_force, b, f)
 
     return kernel(creep_books, simd)
@@ -333,8 +339,8 @@ def branch_energies(s: Laws, branches: int, is_listed: bool, simd: bool = True):
         t = nn(wp.tid())
         b = t
         if wp.static(is_listed):
-            b = nn(listed[t])
-        law = nn(wp.static(branches) * bond_law[b])
+            b = nn(get(listed, t))
+        law = nn(wp.static(branches) * get(bond_law, b))
         total = d.vec()
         held = d.real(0.0)
         for n in range(wp.static(branches)):
@@ -342,7 +348,11 @@ def branch_energies(s: Laws, branches: int, is_listed: bool, simd: bool = True):
             total += branch_share[nn(law + n)] * p
             held += branch_share[nn(law + n)] * wp.dot(p, p)
         held -= wp.dot(total, total)
-        linked_energy[t] = linked_energy[t] + real(0.5) * facet_stiffness[b] * real(held)
+        put(
+            linked_energy,
+            t,
+            get(linked_energy, t) + real(0.5) * get(facet_stiffness, b) * real(held),
+        )
 
     return kernel(branch_energies, simd)
 
@@ -365,7 +375,7 @@ def branch_zz_energies(s: Laws, plane: str | None, branches: int, simd: bool = T
         elements: int,
     ):
         i = nn(wp.tid())
-        law = nn(wp.static(branches) * element_law[i])
+        law = nn(wp.static(branches) * get(element_law, i))
         z = d(0.0)
         held = d(0.0)
         for n in range(wp.static(branches)):
@@ -374,8 +384,8 @@ def branch_zz_energies(s: Laws, plane: str | None, branches: int, simd: bool = T
             held += branch_share[nn(law + n)] * own * own
         if wp.static(plane == "stress"):
             held -= z * z  # the rest is in the elastic energy of plane stress
-        half = real(0.5) * element_volume[i] * element_two_shear[i]
-        volume_energy[i] = volume_energy[i] + half * real(held)
+        half = real(0.5) * get(element_volume, i) * get(element_two_shear, i)
+        put(volume_energy, i, get(volume_energy, i) + half * real(held))
 
     return kernel(branch_zz_energies, simd)
 
@@ -411,8 +421,8 @@ def opening_rates(s: Laws, k: Laws, faces: Faces, has_box: bool, simd: bool = Tr
         end_rate: wp.array(dtype=real),
     ):
         b = nn(wp.tid())
-        i = nn(bond_i[b])
-        j = nn(bond_j[b])
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
@@ -422,10 +432,10 @@ def opening_rates(s: Laws, k: Laws, faces: Faces, has_box: bool, simd: bool = Tr
         rate -= s.load(velocity, i) + s.rotate(s.load_spin(angular_velocity, i), ci + ahead)
         if wp.static(has_box):
             rate += s.load(jump_rate, b)
-        w = bond_weight[b]
+        w = get(bond_weight, b)
         s.store(opening_rate, b, rate)
-        end_rate[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, rate)
-        end_rate[nn(bond_place[nn(2 * b + 1)])] = -w * wp.dot(cj, rate)
+        put(end_rate, get(bond_place, 2 * b), w * wp.dot(ci, rate))
+        put(end_rate, get(bond_place, 2 * b + 1), -w * wp.dot(cj, rate))
 
     return kernel(opening_rates, simd)
 
@@ -448,8 +458,8 @@ def mean_rates(s: Laws, slots: int, simd: bool = True):
         i = nn(wp.tid())
         e = real(0.0)
         for slot in range(wp.static(slots)):
-            e += end_rate[nn(slot * elements + i)]
-        mean_rate[i] = rate_viscosity[i] * e / element_volume[i]
+            e += get(end_rate, slot * elements + i)
+        put(mean_rate, i, get(rate_viscosity, i) * e / get(element_volume, i))
 
     return kernel(mean_rates, simd)
 
@@ -493,17 +503,17 @@ def facet_dashpots(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
         ahead = real(own.load_share(b, bond_arm)) * delta
-        eta = retardation[nn(bond_law[b])] * facet_stiffness[b]
-        spherical = mean_rate[nn(bond_i[b])] * ci - mean_rate[nn(bond_j[b])] * cj
-        f = eta * s.load(opening_rate, b) - bond_weight[b] * spherical
+        eta = get(retardation, get(bond_law, b)) * get(facet_stiffness, b)
+        spherical = get(mean_rate, get(bond_i, b)) * ci - get(mean_rate, get(bond_j, b)) * cj
+        f = eta * s.load(opening_rate, b) - get(bond_weight, b) * spherical
         if wp.static(is_second):
-            f = real(0.5) * (f + s.load(damping_force, nn(bond_place[nn(2 * b)])))
+            f = real(0.5) * (f + s.load(damping_force, nn(get(bond_place, 2 * b))))
         ti = s.cross(ci + ahead, f)
         tj = -s.cross(cj + (ahead - delta), f)
         s.store_ends(bond_place, damping_force, damping_torque, b, f, ti, tj)
         if wp.static(has_box and is_second):
             done = dt * wp.dot(f, s.load(jump_rate, b))
-            dashpot_work[b] = dashpot_work[b] + wp.float64(done)
+            put(dashpot_work, b, get(dashpot_work, b) + wp.float64(done))
 
     return kernel(facet_dashpots, simd)
 
@@ -583,23 +593,23 @@ def retarded_volume(s: Laws, slots: int, is_at_rest: bool, simd: bool = True):
         i = retarded_elements[wp.tid()]
         total = real(0.0)
         for slot in range(wp.static(slots)):
-            total += end_dilation[nn(slot * elements + i)]
-        e = wp.float64(total / element_volume[i])
-        before = retarded_dilation[i]
+            total += get(end_dilation, slot * elements + i)
+        e = wp.float64(total / get(element_volume, i))
+        before = get(retarded_dilation, i)
         after = e
         if wp.static(not is_at_rest):
-            mean = wp.float64(0.5) * (e + last_element_dilation[i])
-            after = before + retarded_lost[i] * (mean - before)
-        last_element_dilation[i] = e
-        retarded_dilation[i] = after
-        a = volume_stiffness[i]
-        branch = retarded_stiffness[i]
+            mean = wp.float64(0.5) * (e + get(last_element_dilation, i))
+            after = before + get(retarded_lost, i) * (mean - before)
+        put(last_element_dilation, i, e)
+        put(retarded_dilation, i, after)
+        a = get(volume_stiffness, i)
+        branch = get(retarded_stiffness, i)
         share = wp.where(a == real(0.0), real(0.0), branch / a)
-        plastic_dilation[i] = share * real(after)
+        put(plastic_dilation, i, share * real(after))
         if wp.static(not is_at_rest):
-            held = wp.float64(real(0.5) * element_volume[i] * (real(1.0) - share) * branch)
+            held = wp.float64(real(0.5) * get(element_volume, i) * (real(1.0) - share) * branch)
             change = held * (after - before) * (after + before)
-            element_dissipation[i] = element_dissipation[i] - change
+            put(element_dissipation, i, get(element_dissipation, i) - change)
 
     return kernel(retarded_volume, simd)
 
@@ -621,11 +631,15 @@ def retarded_energies(s: Laws, simd: bool = True):
         volume_energy: wp.array(dtype=real),
     ):
         i = retarded_elements[wp.tid()]
-        a = volume_stiffness[i]
-        branch = retarded_stiffness[i]
-        z = real(retarded_dilation[i])
+        a = get(volume_stiffness, i)
+        branch = get(retarded_stiffness, i)
+        z = real(get(retarded_dilation, i))
         held = branch * (real(1.0) - wp.where(a == real(0.0), real(0.0), branch / a))
-        volume_energy[i] = volume_energy[i] + real(0.5) * element_volume[i] * held * z * z
+        put(
+            volume_energy,
+            i,
+            get(volume_energy, i) + real(0.5) * get(element_volume, i) * held * z * z,
+        )
 
     return kernel(retarded_energies, simd)
 
@@ -656,25 +670,25 @@ def retarded_release(s: Laws, slots: int, is_after: bool, simd: bool = True):
         elements: int,
     ):
         i = listed[wp.tid()]
-        branch = retarded_stiffness[i]
+        branch = get(retarded_stiffness, i)
         if branch > real(0.0):
             if wp.static(is_after):
                 jump = real(0.0)
                 for slot in range(wp.static(slots)):
                     at = nn(slot * elements + i)
-                    b = nn(incidence[at] >> 1)
-                    jump -= (real(1.0) - bond_linked[b]) * end_dilation[at]
-                jump = jump / element_volume[i]
-                z = retarded_dilation[i] + wp.float64(jump)
-                a = volume_stiffness[i] + branch
-                volume_stiffness[i] = a
-                retarded_dilation[i] = z
-                last_element_dilation[i] = last_element_dilation[i] + wp.float64(jump)
-                plastic_dilation[i] = real(z) * branch / a
-                last_dilation[i] = plastic_dilation[i]
+                    b = nn(get(incidence, at) >> 1)
+                    jump -= (real(1.0) - get(bond_linked, b)) * get(end_dilation, at)
+                jump = jump / get(element_volume, i)
+                z = get(retarded_dilation, i) + wp.float64(jump)
+                a = get(volume_stiffness, i) + branch
+                put(volume_stiffness, i, a)
+                put(retarded_dilation, i, z)
+                put(last_element_dilation, i, get(last_element_dilation, i) + wp.float64(jump))
+                put(plastic_dilation, i, real(z) * branch / a)
+                put(last_dilation, i, get(plastic_dilation, i))
             else:
-                volume_stiffness[i] = volume_stiffness[i] - branch
-                plastic_dilation[i] = real(0.0)
+                put(volume_stiffness, i, get(volume_stiffness, i) - branch)
+                put(plastic_dilation, i, real(0.0))
 
     return kernel(retarded_release, simd)
 
@@ -705,7 +719,7 @@ def box_rates(s: Laws, k: Laws, simd: bool = True):
         e = square()
         for row in range(wp.static(s.dim)):
             for column in range(wp.static(s.dim)):
-                e[row, column] = box_strain[nn(wp.static(s.dim) * row + column)]
+                e[row, column] = get(box_strain, wp.static(s.dim) * row + column)
         ahead = narrowed(e * k.load(box_shift, t) - k.load(bond_jump, b))
         s.store(jump_rate, b, (real(0.5) / dt) * (ahead + s.load(box_motion, t)))
 

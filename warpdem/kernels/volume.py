@@ -11,7 +11,7 @@ import warp as wp
 
 from .algebra import Laws
 from .face import Faces, face
-from .memory import kernel, nn
+from .memory import get, kernel, nn, put
 
 
 @cache
@@ -71,21 +71,21 @@ def face_dilation(s: Laws, k: Laws, faces: Faces, is_listed: bool, simd: bool = 
     ):
         b = nn(wp.tid() + first)
         if wp.static(is_listed):
-            b = nn(listed[b])
+            b = nn(get(listed, b))
         delta, ci, cj = geometry.load_opening(
             b, bond_i, bond_j, bond_arm, bond_jump, displacement, orientation
         )
         if wp.static(faces.has_creep):
             si, sj = geometry.load_slips(b, bond_i, bond_j, bond_slip, orientation)
             delta += sj - si
-        w = bond_weight[b]
+        w = get(bond_weight, b)
         rest_i = real(0.0)
         rest_j = real(0.0)
         if wp.static(faces.has_rest):
-            rest_i = rest_dilation[nn(2 * b)]
-            rest_j = rest_dilation[nn(2 * b + 1)]
-        end_dilation[nn(bond_place[nn(2 * b)])] = w * wp.dot(ci, delta) - rest_i
-        end_dilation[nn(bond_place[nn(2 * b + 1)])] = -w * wp.dot(cj, delta) - rest_j
+            rest_i = get(rest_dilation, 2 * b)
+            rest_j = get(rest_dilation, 2 * b + 1)
+        put(end_dilation, get(bond_place, 2 * b), w * wp.dot(ci, delta) - rest_i)
+        put(end_dilation, get(bond_place, 2 * b + 1), -w * wp.dot(cj, delta) - rest_j)
 
     return kernel(face_dilation, simd)
 
@@ -117,16 +117,16 @@ def volume_stresses(
     ):
         i = nn(wp.tid() + first)
         if wp.static(is_listed):
-            i = nn(listed[i])
+            i = nn(get(listed, i))
         e = real(0.0)
         for slot in range(wp.static(slots)):
-            e += end_dilation[nn(slot * elements + i)]
-        e = e / element_volume[i]
+            e += get(end_dilation, slot * elements + i)
+        e = e / get(element_volume, i)
         if wp.static(has_dilation):
-            e = e - plastic_dilation[i]
-        volume_stress[i] = volume_stiffness[i] * e
+            e = e - get(plastic_dilation, i)
+        put(volume_stress, i, get(volume_stiffness, i) * e)
         if wp.static(keeps_mean):
-            mean_stress[i] = mean_stiffness[i] * e
+            put(mean_stress, i, get(mean_stiffness, i) * e)
 
     return kernel(volume_stresses, simd)
 
@@ -170,28 +170,34 @@ def volume_release(
         broken = real(0.0)
         for slot in range(wp.static(slots)):
             at = nn(slot * elements + i)
-            entry = nn(incidence[at])
+            entry = nn(get(incidence, at))
             b = nn(entry >> 1)
-            before += end_dilation[at]
-            keep = bond_linked[b]
+            before += get(end_dilation, at)
+            keep = get(bond_linked, b)
             if wp.static(softens):
-                keep = bond_keep[b]
-            after += keep * end_dilation[at]
-            faces += bond_linked[b] * bond_face[entry]
-            if keep < real(1.0) and break_step[b] == -1:
+                keep = get(bond_keep, b)
+            after += keep * get(end_dilation, at)
+            faces += get(bond_linked, b) * get(bond_face, entry)
+            if keep < real(1.0) and get(break_step, b) == -1:
                 broken += real(1.0)
-        v = element_volume[i]
-        a = volume_stiffness[i]
-        a_after = law.stiffness(element_two_shear[i], element_coupling[i], faces / v, plane_strain)
+        v = get(element_volume, i)
+        a = get(volume_stiffness, i)
+        a_after = law.stiffness(
+            get(element_two_shear, i), get(element_coupling, i), faces / v, plane_strain
+        )
         p = real(0.0)
         if wp.static(has_dilation):
-            p = plastic_dilation[i]
+            p = get(plastic_dilation, i)
         drop = law.energy(v, a, before / v - p) - law.energy(v, a_after, after / v - p)
-        element_release[i] = drop / wp.max(broken, real(1.0))
-        volume_stiffness[i] = a_after
+        put(element_release, i, drop / wp.max(broken, real(1.0)))
+        put(volume_stiffness, i, a_after)
         if wp.static(keeps_mean):
-            mean_stiffness[i] = law.mean_stiffness(
-                element_two_shear[i], element_coupling[i], faces / v, plane_strain
+            put(
+                mean_stiffness,
+                i,
+                law.mean_stiffness(
+                    get(element_two_shear, i), get(element_coupling, i), faces / v, plane_strain
+                ),
             )
 
     return kernel(volume_release, simd)
