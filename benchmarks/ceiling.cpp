@@ -6,8 +6,8 @@
 
 struct Arrays {  // as of warpdem.step.Step, flat
   void *displacement, *orientation, *velocity, *angular_velocity, *end_force, *end_torque;
-  void *inverse_mass, *inverse_inertia, *evm_direction, *evm_length, *evm_offset, *evm_stiffness;
-  int32_t *bond_i, *bond_j, *bond_place;
+  void *inverse_mass, *inverse_inertia, *direction, *length, *offset, *stiffness;
+  int32_t *after, *before;
 };
 
 template <class T> struct Vec { T x, y, z; };
@@ -29,18 +29,20 @@ template <class T> static inline void store(T* a, int i, Vec<T> v) {
   a[3 * i] = v.x; a[3 * i + 1] = v.y; a[3 * i + 2] = v.z;
 }
 
-template <class T, int slots> static void move(const Arrays& s, int n, T dt, int first, int last) {
+template <class T, int kinds> static void move(const Arrays& s, int n, T dt, int first, int last) {
   T* __restrict u = (T*)s.displacement; T* __restrict q = (T*)s.orientation;
   T* __restrict v = (T*)s.velocity; T* __restrict w = (T*)s.angular_velocity;
   const T* end_force = (T*)s.end_force; const T* end_torque = (T*)s.end_torque;
   const T* free = (T*)s.inverse_mass; const T* light = (T*)s.inverse_inertia;
+  const int32_t* before = s.before;
 #pragma GCC ivdep
   for (int i = first; i < last; ++i) {
-    Vec<T> f{0, 0, 0}, t{0, 0, 0};
+    Vec<T> f{0, 0, 0}, t = load(end_torque, kinds * n + i);
 #pragma GCC unroll 16
-    for (int slot = 0; slot < slots; ++slot) {
-      f = f + load(end_force, slot * n + i);
-      t = t + load(end_torque, slot * n + i);
+    for (int kind = 0; kind < kinds; ++kind) {
+      int b = before[kind * n + i];
+      f = f + load(end_force, kind * n + i) - load(end_force, b);
+      t = t + load(end_torque, b);
     }
     Vec<T> a{free[3 * i] * f.x, free[3 * i + 1] * f.y, free[3 * i + 2] * f.z};
     Vec<T> vi = load(v, i) + dt * a, wi = load(w, i) + (dt * light[i]) * t;
@@ -63,51 +65,55 @@ template <class T, int slots> static void move(const Arrays& s, int n, T dt, int
   }
 }
 
-// the compact form of Kuzkin's eq. 3 with turns as increments from the reference
-template <class T> static void bonds(const Arrays& s, int first, int last) {
+// the compact form of Kuzkin's eq. 3 with turns as increments from the reference, for the bonds that
+// begin at an element
+template <class T, int kinds> static void bonds(const Arrays& s, int n, int first, int last) {
   const T* __restrict u = (T*)s.displacement; const T* __restrict q = (T*)s.orientation;
   T* __restrict end_force = (T*)s.end_force; T* __restrict end_torque = (T*)s.end_torque;
-  const T* direction = (T*)s.evm_direction; const T* length = (T*)s.evm_length;
-  const T* offset = (T*)s.evm_offset; const T* stiffness = (T*)s.evm_stiffness;
-  const int32_t *bi = s.bond_i, *bj = s.bond_j, *place = s.bond_place;
+  const T* direction = (T*)s.direction; const T* length = (T*)s.length;
+  const T* offset = (T*)s.offset; const T* stiffness = (T*)s.stiffness;
+  const int32_t* after = s.after;
 #pragma GCC ivdep
-  for (int b = first; b < last; ++b) {
-    int i = bi[b], j = bj[b];
-    Vec<T> e = load(direction, b), pi{q[4 * i], q[4 * i + 1], q[4 * i + 2]};
-    Vec<T> pj{q[4 * j], q[4 * j + 1], q[4 * j + 2]};
-    T ci = q[4 * i + 3], cj = q[4 * j + 3], a = length[b], ri = offset[2 * b], rj = offset[2 * b + 1];
-    Vec<T> xi = T(2) * cross(pi, ci * e + cross(pi, e)), xj = T(2) * cross(pj, cj * e + cross(pj, e));
-    Vec<T> delta = load(u, j) - load(u, i) - ri * xi - rj * xj;
-    Vec<T> along = a * e + delta;
-    T g = dot(T(2) * a * e + delta, delta) / (std::sqrt(dot(along, along)) + a);
-    T over = 1 / (a + g);
-    Vec<T> dd = over * (delta - g * e), d = e + dd, p = e + xi, m = e + xj;
-    Vec<T> bend_i = xi - dd, bend_j = xj - dd, y = bend_i + bend_j;
-    Vec<T> half = ci * pj - cj * pi - cross(pj, pi);
-    T cosine = cj * ci + dot(pj, pi);
-    T b1 = stiffness[4 * b], b2 = stiffness[4 * b + 1], b3 = stiffness[4 * b + 2];
-    T b4 = stiffness[4 * b + 3];
-    Vec<T> f = (b1 * g) * d - (T(0.5) * b2 * over) * (y - dot(y, d) * d);
-    Vec<T> both = (b3 - T(0.5) * b4) * cross(p, xj - xi) + (2 * b4 * cosine) * half;
-    Vec<T> ti = ri * cross(p, f) - (T(0.5) * b2) * cross(d, bend_i) + both;
-    Vec<T> tj = rj * cross(m, f) - (T(0.5) * b2) * cross(d, bend_j) - both;
-    int at_i = place[2 * b], at_j = place[2 * b + 1];
-    store(end_force, at_i, f);
-    store(end_force, at_j, T(-1) * f);
-    store(end_torque, at_i, ti);
-    store(end_torque, at_j, tj);
+  for (int i = first; i < last; ++i) {
+    Vec<T> ui = load(u, i), pi{q[4 * i], q[4 * i + 1], q[4 * i + 2]}, total{0, 0, 0};
+    T ci = q[4 * i + 3];
+#pragma GCC unroll 16
+    for (int k = 0; k < kinds; ++k) {
+      int j = after[k * n + i];
+      T is_bond = j == i ? T(0) : T(1);
+      Vec<T> e = load(direction, k), pj{q[4 * j], q[4 * j + 1], q[4 * j + 2]};
+      T cj = q[4 * j + 3], a = length[k], ri = offset[2 * k], rj = offset[2 * k + 1];
+      Vec<T> xi = T(2) * cross(pi, ci * e + cross(pi, e)), xj = T(2) * cross(pj, cj * e + cross(pj, e));
+      Vec<T> delta = load(u, j) - ui - ri * xi - rj * xj;
+      Vec<T> along = a * e + delta;
+      T g = dot(T(2) * a * e + delta, delta) / (std::sqrt(dot(along, along)) + a);
+      T over = 1 / (a + g);
+      Vec<T> dd = over * (delta - g * e), d = e + dd, p = e + xi, m = e + xj;
+      Vec<T> bend_i = xi - dd, bend_j = xj - dd, y = bend_i + bend_j;
+      Vec<T> half = ci * pj - cj * pi - cross(pj, pi);
+      T cosine = cj * ci + dot(pj, pi);
+      T b1 = stiffness[4 * k], b2 = stiffness[4 * k + 1], b3 = stiffness[4 * k + 2];
+      T b4 = stiffness[4 * k + 3];
+      Vec<T> f = (b1 * g) * d - (T(0.5) * b2 * over) * (y - dot(y, d) * d);
+      Vec<T> both = (b3 - T(0.5) * b4) * cross(p, xj - xi) + (2 * b4 * cosine) * half;
+      total = total + is_bond * (ri * cross(p, f) - (T(0.5) * b2) * cross(d, bend_i) + both);
+      store(end_force, k * n + i, is_bond * f);
+      store(end_torque, k * n + i,
+            is_bond * (rj * cross(m, f) - (T(0.5) * b2) * cross(d, bend_j) - both));
+    }
+    store(end_torque, kinds * n + i, total);
   }
 }
 
-template <class T> static void steps(const Arrays* s, int n, int count, double dt, int k) {
+template <class T> static void steps(const Arrays* s, int n, double dt, int k) {
 #pragma omp parallel
   {
     int all = omp_get_num_threads(), own = omp_get_thread_num();
     auto part = [=](int size, int r) { return int(long(size) * r / all); };
     for (int step = 0; step < k; ++step) {
-      move<T, 6>(*s, n, T(dt), part(n, own), part(n, own + 1));
+      move<T, 3>(*s, n, T(dt), part(n, own), part(n, own + 1));
 #pragma omp barrier
-      bonds<T>(*s, part(count, own), part(count, own + 1));
+      bonds<T, 3>(*s, n, part(n, own), part(n, own + 1));
 #pragma omp barrier
     }
   }
@@ -115,12 +121,8 @@ template <class T> static void steps(const Arrays* s, int n, int count, double d
 
 extern "C" {
 void share(int threads) { omp_set_num_threads(threads); }
-void steps_float32(const Arrays* s, int n, int count, double dt, int k) {
-  steps<float>(s, n, count, dt, k);
-}
-void steps_float64(const Arrays* s, int n, int count, double dt, int k) {
-  steps<double>(s, n, count, dt, k);
-}
+void steps_float32(const Arrays* s, int n, double dt, int k) { steps<float>(s, n, dt, k); }
+void steps_float64(const Arrays* s, int n, double dt, int k) { steps<double>(s, n, dt, k); }
 void triad(double* __restrict a, const double* __restrict b, const double* __restrict c, long n) {
 #pragma omp parallel for simd schedule(static)
   for (long i = 0; i < n; ++i) a[i] = b[i] + 3.0 * c[i];

@@ -26,10 +26,10 @@ MATH = (
     *("-fassociative-math", "-freciprocal-math"),
 )
 FLAGS = ("-O3", "-march=native", *MATH, "-fopenmp", "-shared", "-fPIC", "-std=c++17")
+LAW = ("lattice_direction", "lattice_length", "lattice_offset", "lattice_stiffness")
 NAMES = (
     *("displacement", "orientation", "velocity", "angular_velocity", "end_force", "end_torque"),
-    *("inverse_mass", "inverse_inertia", "evm_direction", "evm_length", "evm_offset"),
-    *("evm_stiffness", "bond_i", "bond_j", "bond_place"),
+    *("inverse_mass", "inverse_inertia", *LAW, "lattice_after", "lattice_before"),
 )
 
 
@@ -87,15 +87,16 @@ class Handwritten:
         code = library()
         if code is None:
             raise SystemExit("there is no C++ compiler; set CXX or install g++.")
-        step = sim._step
-        m = sim.model
+        step, m = sim._step, sim.model
+        if m.features.bond_kinds != 3:
+            raise SystemExit(
+                "the C++ code is of the simple cubic lattice, of three kinds of bonds."
+            )
         arrays = [step.arrays[name] for name in NAMES]
         self._kept = arrays
         self._pointers = (ctypes.c_void_p * len(arrays))(*(a.ptr for a in arrays))
-        if m.features.slots != 6:
-            raise SystemExit("the C++ code is of the simple cubic lattice, six bonds an element.")
         self._code, self._run = code, getattr(code, f"steps_{sim.precision}")
-        self._sizes = m.elements, m.bonds, ctypes.c_double(sim.dt)
+        self._sizes = m.elements, ctypes.c_double(sim.dt)
 
     def steps(self, count: int, threads: int = 1) -> float:
         """Make so many; returns seconds a step."""
@@ -109,9 +110,6 @@ def bytes_a_step(sim: wd.Simulation) -> int:
     """Bytes that a step of EVM bonds in space reads and writes if each array passes once a pass."""
     size = {name: a.capacity for name, a in sim._step.arrays.items()}
     state = ("displacement", "orientation", "velocity", "angular_velocity")
-    ends = size["end_force"] + size["end_torque"]
-    fixed = ("inverse_mass", "inverse_inertia")
-    moved = 2 * sum(size[x] for x in state) + sum(size[x] for x in fixed) + ends
-    law = ("evm_direction", "evm_length", "evm_offset", "evm_stiffness")
-    links = ("bond_i", "bond_j", "bond_place", "displacement", "orientation")
-    return moved + sum(size[x] for x in (*law, *links)) + ends
+    once = ("inverse_mass", "inverse_inertia", "lattice_after", "lattice_before", *state[:2])
+    twice = (*state, "end_force", "end_torque")
+    return sum(size[x] for x in once) + 2 * sum(size[x] for x in twice)

@@ -19,7 +19,7 @@ from warpdem.benchmark.timing import spread
 from warpdem.write.whole import write_json
 
 HERE = Path(__file__).parent
-CASES = {"block20": 400, "fcc13": 200, "block40": 60, "block60": 20}  # steps in a round
+CASES = {"block20": 400, "fcc13": 200, "block40": 100, "block60": 100}  # steps in a round
 WARM = 20
 
 

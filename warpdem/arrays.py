@@ -24,7 +24,7 @@ OPTIONAL = frozenset(
         *("plastic_dilation", "plastic_strain_zz", "locked_energy"),
         *("hardening_strain", "hardening_stress", "plastic_strain"),
         *("bond_keep", "break_damage", "softening_end", "beam_load"),
-        "interface_place",
+        *("interface_place", "lattice_before"),
         *("branch_zz", "element_dissipation", "jump_rate", "dashpot_work"),
         *("trial_force", "plastic_growth_zz"),
         *("closing_shear", "closing_slip", "closing_spring", "closing_slip_energy"),

@@ -22,6 +22,7 @@ from .friction import Friction, RateAndState, coulomb, numbers
 from .kernels.contact import Touch
 from .kernels.face import Faces
 from .kernels.fracture import Test
+from .kernels.motion import Ends
 from .kernels.plastic import Flow
 from .kernels.wall import BOX, CYLINDER, FAR, MESH, PLANE, SPHERE
 from .kernels.wall import NUMBERS as SHAPE_NUMBERS
@@ -35,6 +36,9 @@ from .wall import Box, Cylinder, Plane, Sphere, Wall
 Ids = NDArray[np.int32]
 LEAST_SPHERICAL = 0.9  # of (1 - D) on irregular elements with a viscous law
 RENEWED_SLOTS = {2: 10, 3: 26}  # room for the neighbours that renewed faces may bring
+# bodies of so many elements and kinds of bonds at most, alike to so much, most of which are there,
+# are lattices
+LEAST_LATTICE, MOST_KINDS, LIKE, LEAST_SHARE = 512, 13, 1e-12, 0.7
 LEAST_SHAPE = 0.05  # smallest stretch of B, 1 where an element has all its faces
 # kept in the precision of places; everything else is in the precision of forces
 PLACES = frozenset(
@@ -44,6 +48,7 @@ PLACES = frozenset(
         *("contact_radius", "closing_slip"),
         *("box_shift", "box_strain", "contact_box", "contact_box_before"),
         *("evm_direction", "evm_length", "evm_offset"),
+        *("lattice_direction", "lattice_length", "lattice_offset"),
     }
 )
 
@@ -72,6 +77,12 @@ class Features:
     renews: bool  # faces are made anew as elements change neighbours
     slots: int
     faces: Faces
+    bond_kinds: int = 0  # of a lattice, whose elements need no slots; 0: is none
+
+    @property
+    def ends(self) -> Ends:
+        """Where elements find what their bonds do to them."""
+        return Ends(self.slots, self.bond_kinds)
 
     @property
     def evaluates_anew(self) -> bool:
@@ -164,6 +175,15 @@ class Model:
     evm_length: Array | None = None
     evm_offset: Array | None = None
     evm_stiffness: Array | None = None  # B1..B4
+    # of a lattice, kind after kind of its bonds: where those of each element end, itself if none is
+    # there; entries of those that end at it, or one where none begins; and the numbers of each kind
+    lattice_after: Ids | None = None  # (kinds, n)
+    lattice_before: Ids | None = None  # (kinds, n) kind n + element
+    lattice_place: Ids | None = None  # (b,) entry of each bond, likewise
+    lattice_direction: Array | None = None
+    lattice_length: Array | None = None
+    lattice_offset: Array | None = None
+    lattice_stiffness: Array | None = None
     bond_weight: Array | None = None  # w = S / r0
     bond_face: Array | None = None  # (2 b + 2,): S q, that s_i sums
     element_two_shear: Array | None = None  # 2 G
@@ -395,8 +415,8 @@ def state_arrays(
         "orientation": orientation,
         "velocity": velocity,
         "angular_velocity": angular_velocity,
-        "end_force": np.zeros((f.slots * n, f.dim)),
-        "end_torque": np.zeros((f.slots * n, spins)),
+        "end_force": np.zeros(((f.bond_kinds or f.slots) * n, f.dim)),
+        "end_torque": np.zeros(((f.bond_kinds + 1 if f.bond_kinds else f.slots) * n, spins)),
     }
     if f.has_work:
         state["element_work"] = np.zeros(n)
@@ -963,6 +983,8 @@ def build(scene: Scene) -> Model:
         _add_lists(model, stored, unlinked, each["pressure_modulus"], faces)
     if scene.contacts is not None:
         _add_contact(model, scene, each)
+    else:
+        _add_lattice(model)
     return model
 
 
@@ -1340,6 +1362,42 @@ def _add_laws(model: Model, stored: list[Body], two_shear: Array, faces: _Faces)
             yielding = [mass, mass + arm**2 * turning, turning, turning]
             root = np.sqrt(1.0 / np.stack([y.sum(axis=0) for y in yielding], axis=1))
             model.evm_dashpot = np.concatenate(dashpot) * root
+
+
+def _add_lattice(model: Model) -> None:
+    """Kinds of bonds, where they are few, and elastic EVM bonds are all that acts."""
+    f, n = model.features, model.elements
+    is_other = model.facet_bonds > 0 or f.has_volume or f.has_evm_dashpots or f.faces.has_slip
+    if is_other or model.listed_bonds is not None or n < LEAST_LATTICE or not model.evm_bonds:
+        return
+    names = ("direction", "length", "offset", "stiffness")
+    numbers = [getattr(model, "evm_" + name) for name in names]
+    rows = np.column_stack(numbers)
+    near = LIKE * np.abs(rows).max(axis=0)
+    kind, firsts = np.full(len(rows), -1, dtype=np.int32), np.zeros(0, dtype=np.int64)
+    left = np.arange(len(rows))
+    while len(left) and len(firsts) < MOST_KINDS:
+        alike = (np.abs(rows[left] - rows[left[0]]) <= near).all(axis=1)
+        kind[left[alike]] = len(firsts)
+        firsts = np.append(firsts, left[0])
+        left = left[~alike]
+    kinds = len(firsts)
+    if len(left) or len(rows) < LEAST_SHARE * kinds * n:
+        return
+    begins, ends = kind * n + model.bond_i, kind * n + model.bond_j
+    if max(np.bincount(x).max() for x in (begins, ends)) > 1:
+        return
+    after = np.tile(np.arange(n, dtype=np.int32), kinds)
+    after[begins] = model.bond_j
+    is_empty = np.ones(kinds * n, dtype=bool)
+    is_empty[begins] = False
+    before = np.full(kinds * n, is_empty.argmax(), dtype=np.int32)
+    before[ends] = begins
+    model.features = replace(f, bond_kinds=kinds)
+    model.lattice_after, model.lattice_before = after.reshape(kinds, n), before.reshape(kinds, n)
+    model.lattice_place = begins.astype(np.int32)
+    for name, value in zip(names, numbers, strict=True):
+        setattr(model, "lattice_" + name, value[firsts])
 
 
 def _add_volume(model: Model, stored: list[Body], each: dict[str, Array], faces: _Faces) -> None:

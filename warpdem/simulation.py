@@ -577,13 +577,11 @@ class Simulation:
     @property
     def bond_force(self) -> Array:
         """Force of every bond on its first element [N], (b, dim)."""
-        m, place = self.model, self.model.bond_place[::2]
-        every = self._step.download("end_force")
-        force = every[place]
+        m, force = self.model, self._step.bond_forces()
         if m.interface_halves is not None:  # linked ones act by their halves
             acts = self._step.download("bond_linked")[m.interface_bonds, None] > 0.0
-            force[m.interface_bonds] += acts * every[place[m.interface_halves[:, 0]]]
-        return force[m.own_bonds].astype(np.float64)
+            force[m.interface_bonds] += acts * force[m.interface_halves[:, 0]]
+        return force[m.own_bonds]
 
     @property
     def bond_energy(self) -> Array:

@@ -46,7 +46,8 @@ from .kernels.finite import (
 )
 from .kernels.fracture import break_beams, break_bonds, keep_nodes, log_breaks, part_interfaces
 from .kernels.friction import HOLDS
-from .kernels.motion import NO_LOADS, element_energies, integrator_energies, move
+from .kernels.lattice import lattice_angles, lattice_energies, lattice_forces
+from .kernels.motion import NO_LOADS, Ends, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
 from .kernels.relaxation import fire, fire_power
 from .kernels.relink import LINKS, WAITS, drop_rest, heal_bonds, join_faces, link_bonds
@@ -130,7 +131,7 @@ class Step:
         self._space = space(model.features.dim, self.real), space(model.features.dim, self.place)
         self._energies: Passes | None = None
         self._angles: wp.Launch | None = None
-        self._stress_everywhere: wp.Launch | None = None
+        self._stress_everywhere: Passes | None = None
         self._relax: Passes | None = None
         self._patch = Patch(model, self.real, device)
         if model.interface_halves is not None and model.interface_bonds is not None:
@@ -454,7 +455,7 @@ class Step:
             if "stress" not in self.arrays:
                 width = 4 if self.model.features.dim == 2 else 6
                 self.upload("stress", np.zeros((self.model.elements, width)))
-            self._stress_everywhere = self._stress("all_elements")
+            self._stress_everywhere = self._passes(self._stress_passes("all_elements"))
         self._stress_everywhere.launch()
         return self.download("stress").astype(np.float64)
 
@@ -502,18 +503,34 @@ class Step:
         """Twist and bend [rad] of every EVM bond, and its elongation over its length, (b,) each."""
         names = ("evm_twist", "evm_bend", "evm_elongation")
         if self._angles is None:
-            (s, k), m = self._space, self.model
+            (s, k), m, kinds = self._space, self.model, self.model.features.bond_kinds
             for name in names:
-                self.upload(name, np.zeros(m.evm_bonds))
-            law = evm_angles(s, k, self._simd)
-            self._angles = self._bind(law, m.evm_bonds, first_evm=m.facet_bonds)
+                self.upload(name, np.zeros(kinds * m.elements or m.evm_bonds))
+            if kinds:
+                law = lattice_angles(s, k, kinds, self._simd)
+                self._angles = self._bind(law, m.elements, elements=m.elements)
+            else:
+                law = evm_angles(s, k, self._simd)
+                self._angles = self._bind(law, m.evm_bonds, first_evm=m.facet_bonds)
         self._angles.launch()
-        return {name: self.download(name).astype(np.float64) for name in names}
+        return {name: self._of_bonds(name) for name in names}
+
+    def _of_bonds(self, name: str) -> NDArray[np.float64]:
+        """Values of all bonds, (b,), in their order."""
+        value, place = self.download(name).astype(np.float64), self.model.lattice_place
+        return value if place is None else value[place]
 
     def bond_energy(self) -> NDArray[np.float64]:
         """Energy of every linked bond [J], (b,)."""
         self.energies()
-        return self.download("linked_energy").astype(np.float64)
+        return self._of_bonds("linked_energy")
+
+    def bond_forces(self) -> NDArray[np.float64]:
+        """Force of every bond on its first element [N], (b, dim)."""
+        place = self.model.lattice_place
+        if place is None:
+            place = self.model.bond_place[::2]
+        return self.download("end_force")[place].astype(np.float64)
 
     # -- arrays -----------------------------------------------------------------------------------
 
@@ -638,7 +655,7 @@ class Step:
         for _ in range(SETTLEMENTS):
             passes += settle(1.0)
             passes.append(
-                self._move(1.0, 0.0, elements="contact_elements", loads=impulses, slots=1)
+                self._move(1.0, 0.0, elements="contact_elements", loads=impulses, ends=Ends(1))
             )
         passes += settle(0.0)
         passes.append(self._move(-half, 0.0, elements="contact_elements"))
@@ -660,7 +677,7 @@ class Step:
         law = damp(
             s,
             k,
-            f.slots,
+            f.ends,
             f.external,
             f.has_moments,
             f.has_work,
@@ -696,7 +713,7 @@ class Step:
             )
             for is_second in (False, True)
         )
-        law = trial_kick(s, k, f.slots, f.has_moments, self._simd)
+        law = trial_kick(s, k, Ends(f.slots), f.has_moments, self._simd)
         trial = self._bind(law, m.elements, dt=self.dt, elements=m.elements)
         tried = {
             "velocity": self.arrays["trial_velocity"],
@@ -942,7 +959,7 @@ class Step:
         (s, k), m, f = self._space, self.model, self.model.features
         for name in ("kinetic_energy", "integrator_energy"):
             self.upload(name, np.zeros(m.elements))
-        self.upload("linked_energy", np.zeros(m.bonds))
+        self.upload("linked_energy", np.zeros(f.bond_kinds * m.elements or m.bonds))
         if f.has_volume:
             self.upload("volume_energy", np.zeros(m.elements))
         has_zz = bool(m.yielding) and f.plane_strain
@@ -970,7 +987,7 @@ class Step:
         self.upload("relaxing_mix", np.zeros(2))
         steer, power = (
             self._bind(
-                law(s, k, f.slots, f.external, f.has_moments, self._simd),
+                law(s, k, f.ends, f.external, f.has_moments, self._simd),
                 m.elements,
                 elements=m.elements,
             )
@@ -992,6 +1009,9 @@ class Step:
         (s, k), m, f = self._space, self.model, self.model.features
         if f.finite_strain:
             return self._finite_passes(has_dilations, dt)
+        if f.bond_kinds:
+            law = lattice_forces(s, k, f.bond_kinds, f.large_rotation, self._simd)
+            return [self._bind(law, m.elements, elements=m.elements)]
         bonds: int | Part = m.bonds
         facets: int | Part = m.facet_bonds
         evm: int | Part = m.evm_bonds
@@ -1111,7 +1131,7 @@ class Step:
         drifts: bool = False,
         elements: str | None = None,
         loads: dict[str, wp.array] | None = None,
-        slots: int | None = None,
+        ends: Ends | None = None,
         near: bool = False,
     ) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features
@@ -1119,7 +1139,7 @@ class Step:
         law = move(
             s,
             k,
-            f.slots if slots is None else slots,
+            ends or f.ends,
             external,
             f.has_moments,
             f.has_work,
@@ -1142,7 +1162,20 @@ class Step:
         count = m.elements if listed is None else listed.size
         return self._bind(law, count, listed=listed, **numbers)
 
-    def _stress(self, listed: str) -> Launched:
+    def _stress_passes(self, listed: str) -> list[Launched]:
+        """Stress of elements, by the forces in their slots; on a lattice worked out into such."""
+        m, f = self.model, self.model.features
+        if not f.bond_kinds:
+            return [self._stress(listed)]
+        (s, k), slots, spins = self._space, f.slots * m.elements, 1 if f.dim == 2 else 3
+        self.upload("slot_force", np.zeros((slots, f.dim)))
+        self.upload("slot_torque", np.zeros((slots, spins)))
+        ends = {"end_force": self.arrays["slot_force"], "end_torque": self.arrays["slot_torque"]}
+        law = evm_forces(s, k, f.faces, False, f.large_rotation, False, False, self._simd)
+        forces = self._bind(law, m.bonds, listed=None, first=0, first_evm=0, **ends)
+        return [forces, self._stress(listed, **ends)]
+
+    def _stress(self, listed: str, **ends: wp.array) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features
         if f.finite_strain:
             law = true_stress(s, k, f.faces, f.slots, f.plane, self._simd)
@@ -1152,11 +1185,14 @@ class Step:
                 s, k, f.faces, f.slots, f.has_volume, f.plane_strain, touches, self._simd
             )
         ids = self.arrays[listed]
-        return self._bind(law, ids.size, listed=ids, elements=m.elements)
+        return self._bind(law, ids.size, listed=ids, elements=m.elements, **ends)
 
     def _pair_energies(self, near: bool = False) -> list[Launched]:
         """Energies of all bonds, or of those that changed."""
         (s, k), m, f = self._space, self.model, self.model.features
+        if f.bond_kinds:
+            energies = lattice_energies(s, k, f.bond_kinds, f.large_rotation, self._simd)
+            return [self._bind(energies, m.elements, elements=m.elements)]
         facets: int | Part = m.facet_bonds
         evm: int | Part = m.evm_bonds
         given: dict[str, Any] = {"listed": None}
@@ -1187,7 +1223,7 @@ class Step:
 
     def _integrator_energies(self, near: bool = False) -> Launched:
         (s, k), m, f = self._space, self.model, self.model.features
-        law = integrator_energies(s, k, f.slots, f.external, f.has_moments, near, self._simd)
+        law = integrator_energies(s, k, f.ends, f.external, f.has_moments, near, self._simd)
         given: dict[str, Any] = {"dt": self.dt, "elements": m.elements, "listed": None}
         if not near:
             return self._bind(law, m.elements, **given)
@@ -1266,7 +1302,11 @@ class Step:
 
 def gathered(step: Step) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Force [N] and torque [N m] that the bonds exert on every element, summed in float64."""
-    slots, n = step.model.features.slots, step.model.elements
-    ends = (step.look(x).reshape(slots, n, -1) for x in ("end_force", "end_torque"))
-    force, torque = (x.sum(axis=0, dtype=np.float64) for x in ends)
-    return force, torque
+    n, before = step.model.elements, step.model.lattice_before
+    names = "end_force", "end_torque"
+    ends = (step.look(x).reshape(-1, n, step.arrays.shapes[x][-1]) for x in names)
+    force, torque = (x.astype(np.float64) for x in ends)
+    if before is None:
+        return force.sum(axis=0), torque.sum(axis=0)
+    far = (x.reshape(-1, x.shape[-1])[before].sum(axis=0) for x in (force, torque))
+    return force.sum(axis=0) - next(far), torque[-1] + next(far)

@@ -3,7 +3,6 @@
 import os
 import platform
 import re
-import time
 from collections.abc import Callable, Mapping
 from datetime import date
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..passes import BATCH
 from ..simulation import Simulation
 from ..write.record import describe_machine
 
@@ -50,18 +50,17 @@ def in_turns(runs: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, 
 
 
 def seconds_a_step(sim: Simulation, seconds: float = 0.2) -> Callable[[], float]:
-    """A function that steps a warm simulation for about so long and returns seconds a step."""
-    sim.run(steps=2)  # every graph is captured
-    began = time.perf_counter()
-    sim.run(steps=2)
-    steps = max(2, min(2000, round(2 * seconds / (time.perf_counter() - began))))
+    """A function that steps a warm simulation for about so long, in whole graphs of steps, and
+    returns seconds a step, those of its looks at the state left out."""
 
-    def run() -> float:
-        began = time.perf_counter()
+    def timed(steps: int) -> float:
+        began = sim.seconds
         sim.run(steps=steps)
-        return (time.perf_counter() - began) / steps
+        return (sim.seconds - began) / steps
 
-    return run
+    timed(2 + BATCH)  # every graph is captured
+    graphs = round(seconds / timed(BATCH) / BATCH)
+    return lambda: timed(BATCH * max(1, min(64, graphs)))
 
 
 def rates(seconds: dict[str, float], elements: int) -> dict[str, float]:

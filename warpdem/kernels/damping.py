@@ -13,7 +13,7 @@ import warp as wp
 from .algebra import Laws
 from .evm import evm_kinematics
 from .memory import get, kernel, nn, put
-from .motion import Loads, gather, inertia, net
+from .motion import Ends, Loads, gather, inertia, net
 
 
 @cache
@@ -115,7 +115,7 @@ def evm_dashpots(s: Laws, k: Laws, simd: bool = True):
 def damp(
     s: Laws,
     k: Laws,
-    slots: int,
+    ends: Ends,
     external: Loads,
     has_moments: bool,
     has_work: bool,
@@ -131,7 +131,7 @@ def damp(
     net force or torque there (Cundall 1987); it never turns a motion round.
     """
     real, rotor = s.real, inertia(s, k, has_moments)
-    load_force, load_net = gather(s, slots), net(s, slots, external)
+    load_force, load_net = gather(s, ends), net(s, ends, external)
     square = wp.types.matrix((s.dim, s.dim), real)
 
     @wp.func
@@ -152,6 +152,7 @@ def damp(
         timed_force: wp.array(dtype=real),
         timed_torque: wp.array(dtype=real),
         load_factor: wp.array(dtype=real),
+        lattice_before: wp.array(dtype=int),
         # state read
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
@@ -176,7 +177,7 @@ def damp(
         impulse = s.vec()
         twist = s.no_spin()
         if wp.static(has_dashpots):
-            f, t = load_force(i, damping_force, damping_torque, elements)
+            f, t = load_force(i, lattice_before, damping_force, damping_torque, elements)
             impulse = dt * f
             twist = dt * t
         if wp.static(absorbs):
@@ -204,6 +205,7 @@ def damp(
                 timed_force,
                 timed_torque,
                 load_factor,
+                lattice_before,
                 end_force,
                 end_torque,
                 elements,

@@ -44,7 +44,7 @@ def measures(s: Laws):
 @cache
 def angles(s: Laws) -> Laws:
     """Angles of two unit vectors, and of a rotation, from 0 to pi (theory A5)."""
-    real = s.real
+    real, measure = s.real, measures(s)
     steep = real(1.0e-4)  # how close to antiparallel a force still grows
 
     @wp.func
@@ -76,7 +76,21 @@ def angles(s: Laws) -> Laws:
         )
         return wp.where(cosine < real(0.0), -share, share) * half
 
-    return Laws(squared=squared, growth=growth, turned=turned, rotation=rotation)
+    @wp.func
+    def bend(x: measure) -> real:
+        """The greater of the angles between a bond and the axes of its ends."""
+        return wp.sqrt(wp.max(squared(x.bend_i), squared(x.bend_j)))
+
+    @wp.func
+    def twist(x: measure) -> real:
+        """Turn about the mean of both axes (swing and twist)."""
+        axis = x.p + x.m
+        along = wp.dot(x.half, axis) / wp.max(wp.length(axis), real(1.0e-6))
+        return real(2.0) * wp.atan2(wp.abs(along), wp.abs(x.cosine))
+
+    return Laws(
+        squared=squared, growth=growth, turned=turned, rotation=rotation, bend=bend, twist=twist
+    )
 
 
 @cache
@@ -204,32 +218,17 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
     measure, loss, carried = measures(s), k.real(CRUSHED - 1.0), carrying(s, k)
 
     @wp.func
-    def load_measures(
-        b: int,
-        c: int,
-        bond_i: wp.array(dtype=int),
-        bond_j: wp.array(dtype=int),
-        evm_direction: wp.array(dtype=k.real),
-        evm_length: wp.array(dtype=k.real),
-        evm_offset: wp.array(dtype=k.real),
-        displacement: wp.array(dtype=k.real),
-        orientation: wp.array(dtype=k.real),
+    def measured(
+        du: k.vec, qi: k.rot, qj: k.rot, e0: k.vec, a: k.real, ri: k.real, rj: k.real
     ) -> measure:
-        """Measures of bond b, the c-th EVM bond.
+        """Measures of a bond whose ends have parted by du and turned by qi and qj.
 
         D - a is taken as (2 X + Delta).Delta / (D + a), free of cancellation (theory A4). Where
         the bond is crushed, d = D/(CRUSHED a) is shorter than 1, so that all stays finite.
         """
-        i = nn(get(bond_i, b))
-        j = nn(get(bond_j, b))
-        qi = k.load_rot(orientation, i)
-        qj = k.load_rot(orientation, j)
-        e0 = k.load(evm_direction, c)
-        a = get(evm_length, c)
         xi = k.turn(qi, e0)
         xj = k.turn(qj, e0)
-        du = k.load(displacement, j) - k.load(displacement, i)
-        delta = du - get(evm_offset, 2 * c) * xi - get(evm_offset, 2 * c + 1) * xj
+        delta = du - ri * xi - rj * xj
         g = wp.dot(k.real(2.0) * a * e0 + delta, delta) / (wp.length(a * e0 + delta) + a)
         shortening = wp.max(g, loss * a)
         length = a + shortening
@@ -248,6 +247,31 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
         x.half = narrowed_spin(k.axial(turned))
         x.cosine = real(k.scalar(turned))
         return x
+
+    @wp.func
+    def load_measures(
+        b: int,
+        c: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        evm_direction: wp.array(dtype=k.real),
+        evm_length: wp.array(dtype=k.real),
+        evm_offset: wp.array(dtype=k.real),
+        displacement: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ) -> measure:
+        """Measures of bond b, the c-th EVM bond."""
+        i = nn(get(bond_i, b))
+        j = nn(get(bond_j, b))
+        return measured(
+            k.load(displacement, j) - k.load(displacement, i),
+            k.load_rot(orientation, i),
+            k.load_rot(orientation, j),
+            k.load(evm_direction, c),
+            get(evm_length, c),
+            get(evm_offset, 2 * c),
+            get(evm_offset, 2 * c + 1),
+        )
 
     @wp.func
     def load_middle(
@@ -316,7 +340,12 @@ def evm_kinematics(s: Laws, k: Laws, has_slip: bool = False) -> Laws:
             )
         return x
 
-    return Laws(load_middle=load_middle, load_measures=load_measures, load_flowed=load_flowed)
+    return Laws(
+        measured=measured,
+        load_middle=load_middle,
+        load_measures=load_measures,
+        load_flowed=load_flowed,
+    )
 
 
 @cache
@@ -721,14 +750,10 @@ def evm_angles(s: Laws, k: Laws, simd: bool = True):
             displacement,
             orientation,
         )
-        bend = wp.max(angle.squared(x.bend_i), angle.squared(x.bend_j))
-        put(evm_bend, c, wp.sqrt(bend))
+        put(evm_bend, c, angle.bend(x))
         put(evm_elongation, c, x.elongation / real(get(evm_length, c)))
         if wp.static(s.dim == 3):
-            # swing and twist: the turn about the mean of both axes
-            axis = x.p + x.m
-            along = wp.dot(x.half, axis) / wp.max(wp.length(axis), real(1.0e-6))
-            put(evm_twist, c, real(2.0) * wp.atan2(wp.abs(along), wp.abs(x.cosine)))
+            put(evm_twist, c, angle.twist(x))
 
     return kernel(evm_angles, simd)
 

@@ -3,6 +3,7 @@
 An inverse mass or inertia of zero holds an element, or moves it with its own constant velocity.
 """
 
+from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
@@ -13,6 +14,15 @@ from .memory import get, kernel, nn, put
 # whether forces, whether torques act from outside, and how many loads change with time
 Loads = tuple[bool, bool, int]
 NO_LOADS: Loads = (False, False, 0)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where elements find what their bonds do to them: in so many slots of their own, or, on a
+    lattice of so many kinds of bonds, as `kernels.lattice` leaves it."""
+
+    slots: int
+    kinds: int = 0
 
 
 @cache
@@ -45,21 +55,44 @@ def outer_load(s: Laws, external: Loads):
 
 
 @cache
-def gather(s: Laws, slots: int):
+def gather(s: Laws, ends: Ends):
     """Force and torque of an element's bonds: the sum over its slots in a fixed order, never an
     atomic."""
     real = s.real
 
+    if ends.kinds:
+
+        @wp.func
+        def load_ends(
+            i: int,
+            lattice_before: wp.array(dtype=int),
+            end_force: wp.array(dtype=real),
+            end_torque: wp.array(dtype=real),
+            elements: int,
+        ):
+            f = s.vec()
+            t = s.load_spin(end_torque, nn(wp.static(ends.kinds) * elements + i))
+            for kind in range(wp.static(ends.kinds)):
+                f += s.load(end_force, nn(kind * elements + i))
+            for kind in range(wp.static(ends.kinds)):
+                before = nn(get(lattice_before, kind * elements + i))
+                f -= s.load(end_force, before)
+                t += s.load_spin(end_torque, before)
+            return f, t
+
+        return load_ends
+
     @wp.func
     def load_force(
         i: int,
+        lattice_before: wp.array(dtype=int),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         elements: int,
     ):
         f = s.vec()
         t = s.no_spin()
-        for slot in range(wp.static(slots)):
+        for slot in range(wp.static(ends.slots)):
             f += s.load(end_force, nn(slot * elements + i))
             t += s.load_spin(end_torque, nn(slot * elements + i))
         return f, t
@@ -68,9 +101,9 @@ def gather(s: Laws, slots: int):
 
 
 @cache
-def net(s: Laws, slots: int, external: Loads):
+def net(s: Laws, ends: Ends, external: Loads):
     """Force and torque on an element in all: of its bonds and from outside."""
-    real, load_bonds, load_outer = s.real, gather(s, slots), outer_load(s, external)
+    real, load_bonds, load_outer = s.real, gather(s, ends), outer_load(s, external)
 
     @wp.func
     def load_net(
@@ -80,11 +113,12 @@ def net(s: Laws, slots: int, external: Loads):
         timed_force: wp.array(dtype=real),
         timed_torque: wp.array(dtype=real),
         load_factor: wp.array(dtype=real),
+        lattice_before: wp.array(dtype=int),
         end_force: wp.array(dtype=real),
         end_torque: wp.array(dtype=real),
         elements: int,
     ):
-        f, t = load_bonds(i, end_force, end_torque, elements)
+        f, t = load_bonds(i, lattice_before, end_force, end_torque, elements)
         outer_f, outer_t = load_outer(
             i,
             external_force,
@@ -232,7 +266,7 @@ def inertia(s: Laws, k: Laws, has_moments: bool) -> Laws:
 def move(
     s: Laws,
     k: Laws,
-    slots: int,
+    ends: Ends,
     external: Loads,
     has_moments: bool,
     has_work: bool,
@@ -247,7 +281,7 @@ def move(
     has the same bits as one that does not. `has_work` adds up the work of grips and of outer
     loads [J]; `has_grips`: some grips change their velocity with time.
     """
-    real, load_force, load_outer = s.real, gather(s, slots), outer_load(s, external)
+    real, load_force, load_outer = s.real, gather(s, ends), outer_load(s, external)
     rotor = inertia(s, k, has_moments)
     widened, widened_spin = narrow(k, s), narrow_spin(k, s)
 
@@ -333,6 +367,7 @@ def move(
         timed_force: wp.array(dtype=real),
         timed_torque: wp.array(dtype=real),
         load_factor: wp.array(dtype=real),
+        lattice_before: wp.array(dtype=int),
         grip: wp.array(dtype=int),
         grip_velocity: wp.array(dtype=real),
         grip_spin: wp.array(dtype=real),
@@ -355,7 +390,7 @@ def move(
         i = nn(wp.tid() + first)
         if wp.static(is_listed):
             i = nn(get(listed, i))
-        f, t = load_force(i, end_force, end_torque, elements)
+        f, t = load_force(i, lattice_before, end_force, end_torque, elements)
         outer_f, outer_t = load_outer(
             i,
             external_force,
@@ -420,7 +455,7 @@ def move(
 def integrator_energies(
     s: Laws,
     k: Laws,
-    slots: int,
+    ends: Ends,
     external: Loads,
     has_moments: bool,
     is_listed: bool,
@@ -430,7 +465,7 @@ def integrator_energies(
 
     Velocity Verlet conserves H - (dt^2/8) sum(|F|^2/m + |M|^2/J) exactly in a linear system.
     """
-    real, load_net = s.real, net(s, slots, external)
+    real, load_net = s.real, net(s, ends, external)
     rotor = inertia(s, k, has_moments)
 
     def integrator_energies(
@@ -445,6 +480,7 @@ def integrator_energies(
         timed_force: wp.array(dtype=real),
         timed_torque: wp.array(dtype=real),
         load_factor: wp.array(dtype=real),
+        lattice_before: wp.array(dtype=int),
         # state read
         orientation: wp.array(dtype=k.real),
         end_force: wp.array(dtype=real),
@@ -465,6 +501,7 @@ def integrator_energies(
             timed_force,
             timed_torque,
             load_factor,
+            lattice_before,
             end_force,
             end_torque,
             elements,

@@ -6,13 +6,13 @@ import warp as wp
 
 from .algebra import Laws
 from .memory import get, kernel, nn, put
-from .motion import Loads, inertia, net
+from .motion import Ends, Loads, inertia, net
 
 
 @cache
-def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd: bool = True):
+def fire_power(s: Laws, k: Laws, ends: Ends, external: Loads, has_moments: bool, simd: bool = True):
     """Per element: power F.v [W], v.M v and F.M^-1 F, that decide how velocities are steered."""
-    real, load_net, rotor = s.real, net(s, slots, external), inertia(s, k, has_moments)
+    real, load_net, rotor = s.real, net(s, ends, external), inertia(s, k, has_moments)
 
     def fire_power(
         # model
@@ -27,6 +27,7 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
         timed_force: wp.array(dtype=real),
         timed_torque: wp.array(dtype=real),
         load_factor: wp.array(dtype=real),
+        lattice_before: wp.array(dtype=int),
         # state read
         orientation: wp.array(dtype=k.real),
         velocity: wp.array(dtype=real),
@@ -47,6 +48,7 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
             timed_force,
             timed_torque,
             load_factor,
+            lattice_before,
             end_force,
             end_torque,
             elements,
@@ -69,9 +71,9 @@ def fire_power(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool,
 
 
 @cache
-def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd: bool = True):
+def fire(s: Laws, k: Laws, ends: Ends, external: Loads, has_moments: bool, simd: bool = True):
     """Pass over elements: v <- keep v + push M^-1 F."""
-    real, load_net, rotor = s.real, net(s, slots, external), inertia(s, k, has_moments)
+    real, load_net, rotor = s.real, net(s, ends, external), inertia(s, k, has_moments)
 
     def fire(
         # model
@@ -84,6 +86,7 @@ def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd:
         timed_force: wp.array(dtype=real),
         timed_torque: wp.array(dtype=real),
         load_factor: wp.array(dtype=real),
+        lattice_before: wp.array(dtype=int),
         # state read
         relaxing_mix: wp.array(dtype=real),
         orientation: wp.array(dtype=k.real),
@@ -104,6 +107,7 @@ def fire(s: Laws, k: Laws, slots: int, external: Loads, has_moments: bool, simd:
             timed_force,
             timed_torque,
             load_factor,
+            lattice_before,
             end_force,
             end_torque,
             elements,

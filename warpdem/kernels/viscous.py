@@ -21,7 +21,7 @@ import warp as wp
 from .algebra import Laws, narrow, space
 from .face import Faces, face
 from .memory import get, kernel, nn, put
-from .motion import gather, inertia
+from .motion import Ends, gather, inertia
 
 
 @cache
@@ -519,13 +519,13 @@ def facet_dashpots(
 
 
 @cache
-def trial_kick(s: Laws, k: Laws, slots: int, has_moments: bool, simd: bool = True):
+def trial_kick(s: Laws, k: Laws, ends: Ends, has_moments: bool, simd: bool = True):
     """Pass over elements: velocity and spin after a step of the dashpots' forces alone.
 
     Euler's rule would make dashpots too strong by half a step's share of their rate, as springs
     kick half a step apart; Heun's does not, and is stable to the same step.
     """
-    real, load_force, rotor = s.real, gather(s, slots), inertia(s, k, has_moments)
+    real, load_force, rotor = s.real, gather(s, ends), inertia(s, k, has_moments)
 
     def trial_kick(
         # model
@@ -533,6 +533,7 @@ def trial_kick(s: Laws, k: Laws, slots: int, has_moments: bool, simd: bool = Tru
         inverse_inertia: wp.array(dtype=real),
         principal_moment: wp.array(dtype=real),
         principal_axes: wp.array(dtype=k.real),
+        lattice_before: wp.array(dtype=int),
         # state read
         orientation: wp.array(dtype=k.real),
         damping_force: wp.array(dtype=real),
@@ -546,7 +547,7 @@ def trial_kick(s: Laws, k: Laws, slots: int, has_moments: bool, simd: bool = Tru
         elements: int,
     ):
         i = nn(wp.tid())
-        f, t = load_force(i, damping_force, damping_torque, elements)
+        f, t = load_force(i, lattice_before, damping_force, damping_torque, elements)
         change = dt * wp.cw_mul(s.load(inverse_mass, i), f)
         spin = rotor.spun(
             i,
