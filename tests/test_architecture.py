@@ -66,7 +66,16 @@ ALLOWED = {
     },
     "sweeps": {"errors", "experiments", "write"},
     "benchmark": {
-        *("errors", "bond", "criteria", "experiments", "material", "packing", "plasticity"),
+        *(
+            "errors",
+            "passes",
+            "bond",
+            "criteria",
+            "experiments",
+            "material",
+            "packing",
+            "plasticity",
+        ),
         *("scene", "section", "simulation", "validation", "write"),
     },
     "cli": {

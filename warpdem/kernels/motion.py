@@ -3,8 +3,8 @@
 An inverse mass or inertia of zero holds an element, or moves it with its own constant velocity.
 """
 
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import warp as wp
 
@@ -16,8 +16,7 @@ Loads = tuple[bool, bool, int]
 NO_LOADS: Loads = (False, False, 0)
 
 
-@dataclass(frozen=True)
-class Ends:
+class Ends(NamedTuple):
     """Where elements find what their bonds do to them: in so many slots of their own, or, on a
     lattice of so many kinds of bonds, as `kernels.lattice` leaves it."""
 
