@@ -73,7 +73,7 @@ def space(dim: int, real: type) -> Laws:
     def unit(v: laws.vec) -> laws.vec:
         """Direction of v, 0 of a vanishing one. The branch of `wp.normalize` leaves pairs of
         float32 in one register, which keeps the loop around it from being vectorised."""
-        return v / wp.max(wp.length(v), tiny)
+        return (real(1.0) / wp.max(wp.length(v), tiny)) * v
 
     @wp.func
     def split(v: vec3, n: vec3) -> vec3:

@@ -124,6 +124,8 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
     def load_weights(b: int, bond_arm: wp.array(dtype=k.real)):
         """Weights of both elements in a linear interpolation to the face: the nearer centre weighs
         more (Shilko eq. 11). A node, which lies on the face, has none."""
+        if wp.static(faces.central):
+            return real(0.5), real(0.5)
         ci = narrowed(load_arm(bond_arm, nn(2 * b)))
         cj = narrowed(load_arm(bond_arm, nn(2 * b + 1)))
         qi = wp.dot(ci, ci - cj)
@@ -156,6 +158,20 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         qj = k.load_rot(orientation, nn(get(bond_j, b)))
         return narrowed(n0 + k.turn(qi, n0)), narrowed(n0 + k.turn(qj, n0))
 
+    @wp.func
+    def load_normal(
+        b: int,
+        bond_i: wp.array(dtype=int),
+        bond_j: wp.array(dtype=int),
+        bond_arm: wp.array(dtype=k.real),
+        orientation: wp.array(dtype=k.real),
+    ) -> s.vec:
+        """Mean direction n of the face normals that both elements carry."""
+        line = load_arm(bond_arm, nn(2 * b)) - load_arm(bond_arm, nn(2 * b + 1))
+        qi = k.load_rot(orientation, nn(get(bond_i, b)))
+        qj = k.load_rot(orientation, nn(get(bond_j, b)))
+        return s.unit(narrowed(line + k.real(0.5) * (k.turn(qi, line) + k.turn(qj, line))))
+
     narrowed_spin = narrow_spin(s, k)
 
     @wp.func
@@ -180,4 +196,5 @@ def face(s: Laws, k: Laws, faces: Faces) -> Laws:
         load_weights=load_weights,
         load_distance=load_distance,
         load_normals=load_normals,
+        load_normal=load_normal,
     )

@@ -16,7 +16,12 @@ def pair_tensor(s: Laws) -> Laws:
     """Tensor on a face, and the invariants that criteria use."""
     real, vec3, mat3 = s.real, s.vec3, s.mat3
     # not within a function, where Warp would divide in float32
-    two_thirds, root_27, third_turn = real(2.0 / 3.0), real(27.0**0.5), real(2.0 * pi / 3.0)
+    third, two_thirds, root_27, third_turn = (
+        real(1.0 / 3.0),
+        real(2.0 / 3.0),
+        real(27.0**0.5),
+        real(2.0 * pi / 3.0),
+    )
 
     @wp.func
     def minor(a: real, b: real, c: real, d: real) -> real:
@@ -36,7 +41,7 @@ def pair_tensor(s: Laws) -> Laws:
 
     @wp.func
     def mean_stress(t: mat3) -> real:
-        return wp.trace(t) / real(3.0)
+        return third * wp.trace(t)
 
     @wp.func
     def von_mises(t: mat3) -> real:
@@ -69,7 +74,7 @@ def pair_tensor(s: Laws) -> Laws:
         m = mean_stress(t)
         d = t - m * wp.identity(n=3, dtype=real)
         square = wp.ddot(d, d)
-        e = d * d - (square / real(3.0)) * wp.identity(n=3, dtype=real)
+        e = d * d - (third * square) * wp.identity(n=3, dtype=real)
         # products of tensors as of vectors of six, whose shears count twice; written out, as a loop
         # would not be unrolled, and the pass not vectorised
         normal = minor(d[0, 0], d[1, 1], e[0, 0], e[1, 1])
@@ -205,6 +210,7 @@ def exceeding(s: Laws, test: Test):
     def judged(
         l: int,
         ratio: real,
+        linked: real,
         criterion_ratio: wp.array(dtype=real),
         break_damage: wp.array(dtype=real),
         time: real,
@@ -212,13 +218,34 @@ def exceeding(s: Laws, test: Test):
         dt: real,
     ) -> real:
         """What is compared with 1: the ratio, of which the greatest is kept, or what it has grown
-        to with time."""
-        put(criterion_ratio, l, wp.max(get(criterion_ratio, l), ratio))
+        to with time; 0 of an unlinked pair."""
+        before = get(criterion_ratio, l)
+        put(criterion_ratio, l, wp.where(linked == real(0.0), before, wp.max(before, ratio)))
+        worst = ratio
         if wp.static(test.damage != ""):
-            damage = grown(ratio, get(break_damage, l), time, exponent, dt)
-            put(break_damage, l, damage)
-            return damage
-        return ratio
+            worst = grown(ratio, get(break_damage, l), time, exponent, dt)
+            put(break_damage, l, wp.where(linked == real(0.0), get(break_damage, l), worst))
+        return wp.where(linked == real(0.0), real(0.0), worst)
+
+    @wp.func
+    def unlink(
+        l: int,
+        b: int,
+        breaks: bool,
+        normal: real,
+        shear: real,
+        bond_linked: wp.array(dtype=real),
+        break_normal: wp.array(dtype=real),
+        break_shear: wp.array(dtype=real),
+        any_broken: wp.array(dtype=real),
+    ):
+        """Part a pair where it `breaks`, and keep what it carried. Without branches but the last:
+        what they guard would be done lane by lane."""
+        put(bond_linked, b, wp.where(breaks, real(0.0), get(bond_linked, b)))
+        put(break_normal, l, wp.where(breaks, normal, get(break_normal, l)))
+        put(break_shear, l, wp.where(breaks, shear, get(break_shear, l)))
+        if breaks:
+            any_broken[0] = real(1.0)
 
     @wp.func
     def left(worst: real, last: real) -> real:
@@ -226,7 +253,7 @@ def exceeding(s: Laws, test: Test):
         line from the strength (1) to no stress at the ratio `last`."""
         return wp.max(last - worst, real(0.0)) / (worst * (last - real(1.0)))
 
-    return Laws(judged=judged, left=left)
+    return Laws(judged=judged, unlink=unlink, left=left)
 
 
 @cache
@@ -281,19 +308,17 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
         if wp.static(is_contiguous):
             b = nn(wp.tid() + first_bond)
         linked = get(bond_linked, b)
-        if linked == real(0.0):
-            return
         i = nn(get(bond_i, b))
         j = nn(get(bond_j, b))
-        p, m = geometry.load_normals(b, bond_i, bond_j, bond_arm, orientation)
-        n = s.embed(s.unit(p + m))
+        n = s.embed(geometry.load_normal(b, bond_i, bond_j, bond_arm, orientation))
+        over = real(1.0) / get(bond_area, b)
         if wp.static(test.is_interface):
             # the mean of both sides of the node: they differ by its mass times acceleration
             force = s.load(end_force, nn(get(interface_place, 2 * l)))
             force += s.load(end_force, nn(get(interface_place, 2 * l + 1)))
-            traction = s.embed(real(0.5) * force) / get(bond_area, b)
+            traction = s.embed((real(0.5) * over) * force)
         else:
-            traction = s.embed(s.load(end_force, nn(get(bond_place, 2 * b)))) / get(bond_area, b)
+            traction = s.embed(over * s.load(end_force, nn(get(bond_place, 2 * b))))
         # linear interpolation to the face: the nearer centre weighs more (Shilko eq. 13)
         wi, wj = geometry.load_weights(b, bond_arm)
         if wp.static(is_strain):
@@ -304,27 +329,31 @@ def break_bonds(s: Laws, k: Laws, faces: Faces, test: Test, is_contiguous: bool,
             mean = wi * s.load_tensor(stress, i) + wj * s.load_tensor(stress, j)
             whole = traction
             if wp.static(test.softens):
-                whole = traction / linked
+                whole = (real(1.0) / wp.where(linked == real(0.0), real(1.0), linked)) * traction
             # a vector as an argument would stay one, and keep the loop from being vectorised
             numbers = four(number_1, number_2, number_3, number_4)
             ratio = equivalent(law.tensor(mean, whole, n), n, numbers) / get(bond_strength, l)
-        ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
+        ratio = rule.judged(l, ratio, linked, criterion_ratio, break_damage, time, exponent, dt)
+        normal = wp.dot(traction, n)
+        shear = wp.length(s.split(traction, n))
         if wp.static(test.softens):
-            if ratio > get(break_damage, l):
-                put(break_damage, l, ratio)
-                kept = rule.left(ratio, get(softening_end, l))
-                if linked == real(1.0):  # where it first failed
-                    put(break_normal, l, wp.dot(traction, n))
-                    put(break_shear, l, wp.length(s.split(traction, n)))
-                put(bond_keep, b, kept / linked)
-                put(bond_linked, b, kept)
+            before = get(break_damage, l)
+            softens = ratio > before
+            kept = rule.left(wp.max(ratio, real(1.0)), get(softening_end, l))
+            share = kept / wp.where(linked == real(0.0), real(1.0), linked)
+            is_first = softens and linked == real(1.0)  # where it first failed
+            put(break_damage, l, wp.where(softens, ratio, before))
+            put(break_normal, l, wp.where(is_first, normal, get(break_normal, l)))
+            put(break_shear, l, wp.where(is_first, shear, get(break_shear, l)))
+            put(bond_keep, b, wp.where(softens, share, get(bond_keep, b)))
+            put(bond_linked, b, wp.where(softens, kept, linked))
+            if softens:
                 any_broken[0] = real(1.0)
         else:
-            if ratio > real(1.0):
-                put(bond_linked, b, real(0.0))
-                put(break_normal, l, wp.dot(traction, n))
-                put(break_shear, l, wp.length(s.split(traction, n)))
-                any_broken[0] = real(1.0)
+            rule.unlink(
+                l, b, ratio > real(1.0), normal, shear, bond_linked, break_normal, break_shear,
+                any_broken,
+            )  # fmt: skip
 
     return kernel(break_bonds, simd)
 
@@ -364,19 +393,17 @@ def break_beams(s: Laws, test: Test, is_contiguous: bool, simd: bool = True):
         b = nn(get(listed, l))
         if wp.static(is_contiguous):
             b = nn(wp.tid() + first_bond)
-        if get(bond_linked, b) == real(0.0):
-            return
+        linked = get(bond_linked, b)
         c = nn(b - first_evm)
         # F_n/S + |M_b|/W and |F_s|/S + |M_t|/W_t; numbers: 1/S, 1/W, 1/W_t
         normal = get(beam_load, 4 * c) * number_1 + get(beam_load, 4 * c + 2) * number_2
         shear = get(beam_load, 4 * c + 1) * number_1 + get(beam_load, 4 * c + 3) * number_3
         ratio = wp.max(normal, shear * number_4) / get(bond_strength, l)
-        ratio = rule.judged(l, ratio, criterion_ratio, break_damage, time, exponent, dt)
-        if ratio > real(1.0):
-            put(bond_linked, b, real(0.0))
-            put(break_normal, l, normal)
-            put(break_shear, l, shear)
-            any_broken[0] = real(1.0)
+        ratio = rule.judged(l, ratio, linked, criterion_ratio, break_damage, time, exponent, dt)
+        rule.unlink(
+            l, b, ratio > real(1.0), normal, shear, bond_linked, break_normal, break_shear,
+            any_broken,
+        )  # fmt: skip
 
     return kernel(break_beams, simd)
 
