@@ -49,7 +49,7 @@ SUMS = frozenset(
         *("element_work", "box_work", "damped_energy", "dashpot_work", *DISSIPATION),
         *("branch_slip", "branch_zz", "branch_share", "branch_lost", "last_opening"),
         *("retarded_dilation", "retarded_lost", "last_element_dilation"),
-        "weld_energy",
+        *("weld_energy", "relaxing_sums", "relaxing_state"),
         *("contact_position", "contact_box_work", "slip_energy", "restitution_energy", "wall_work"),
         *("closing_slip_energy", "relink_energy", "healing_start"),
         *("wall_shape", "face_place"),

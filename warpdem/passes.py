@@ -15,7 +15,8 @@ from .errors import InputError, ModelWarning
 from .kernels.memory import CHUNK, is_patched, is_shareable, rendezvous, wait_for
 
 SHARED = 4096  # indices of a launch from which on it is worth sharing out
-BATCH = 32  # times that launches repeat in a graph of their own
+BATCH = 32  # times that launches repeat in a graph of a team's
+MANY = 128  # launches from which on it is worth its making
 PATIENCE = 10_000  # looks of a waiting thread before it sleeps
 
 
@@ -194,8 +195,8 @@ Launched = wp.Launch | Varying
 class Passes:
     """Launches in order, from their second time on one graph, or one for each of a team.
 
-    A launch costs several microseconds, a node of a graph a fraction of one. Launches made many
-    times on end are one graph too, of `BATCH` of them.
+    A launch costs several microseconds, a node of a graph a fraction of one. A team, whose threads
+    have to be told of each graph, makes many launches on end by graphs of `BATCH` of them.
     """
 
     def __init__(
@@ -204,7 +205,9 @@ class Passes:
         # a launch over nothing, as of the bonds of a single element, is None
         self.launches = [x for x in launches if x is not None]
         self.device, self.team = device, team
-        self.graphs: dict[int, list[wp.Graph]] = {}  # by how often they repeat the launches
+        self.graphs: list[wp.Graph] = []
+        self._batch: list[wp.Graph] = []
+        self._count = 0
 
     def launch(self, times: int = 1) -> None:
         """Launch them all, so many times."""
@@ -213,17 +216,20 @@ class Passes:
         if not self.graphs:
             for launch in self.launches:
                 launch.launch()
-            self.graphs[1] = self._capture(1)
+            self.graphs = self._capture(1)
             times -= 1
-        while times > 0:
-            size = BATCH if times >= BATCH else 1
-            if size not in self.graphs:
-                self.graphs[size] = self._capture(size)
-            if self.team is None:
-                wp.capture_launch(self.graphs[size][0])
-            else:
-                self.team.launch(self.graphs[size])
-            times -= size
+        if self.team is None:
+            for _ in range(times):
+                wp.capture_launch(self.graphs[0])
+            return
+        self._count += times
+        if not self._batch and self._count > MANY and times >= BATCH:
+            self._batch = self._capture(BATCH)
+        while self._batch and times >= BATCH:
+            self.team.launch(self._batch)
+            times -= BATCH
+        for _ in range(times):
+            self.team.launch(self.graphs)
 
     def _capture(self, times: int) -> list[wp.Graph]:
         launches = self.launches * times

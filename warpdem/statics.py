@@ -9,10 +9,7 @@ from .errors import Array, InputError, NotConvergedError, positive, whole_number
 from .model import Model
 from .step import Step, gathered
 
-# FIRE of Bitzek et al. 2006, at a constant time step: as if masses were 1/LIGHT times as large,
-# since steering adds to the push of the forces
-STEER, STEER_DECAY, PATIENCE, LIGHT = 0.1, 0.99, 5, 0.25
-LOOK_EVERY = 20  # steps between looks at the residual
+LOOK_EVERY = 32  # steps of relaxation between looks at the residual
 DIFFERENCE = 5e-4  # of a spacing, and of a radian: central differences of fourth order
 SMALLEST = 1e-3  # share of the loads below which a load step is not halved again
 TURN_MOST = 0.3  # rad that Newton's method turns an element by at once
@@ -84,25 +81,17 @@ def relax(
     if "grip_factor" in step.arrays:
         step.upload("grip_factor", np.zeros(len(step.model.grip_histories)))
     step.evaluate_forces()
-    steer, uphill_free, worst = STEER, 0, np.inf
-    for count in range(max_steps + 1):
-        if count % LOOK_EVERY == 0:
-            worst = residual(step, spacing)
-            if tell is not None:
-                tell(count, worst)
-            if worst <= tolerance or not np.isfinite(worst):
-                break
-        power, kinetic, force = step.relaxing_sums()
-        if power > 0.0:
-            uphill_free += 1
-            keep = 1.0 - steer
-            push = LIGHT * step.dt
-            push += steer * np.sqrt(kinetic / force) if force > 0.0 else 0.0
-            if uphill_free > PATIENCE:
-                steer *= STEER_DECAY
-        else:
-            keep, push, steer, uphill_free = 0.0, LIGHT * step.dt, STEER, 0
-        step.relax(keep, push)
+    step.start_relaxing()
+    count = 0
+    while True:
+        worst = residual(step, spacing)
+        if tell is not None:
+            tell(count, worst)
+        if worst <= tolerance or not np.isfinite(worst) or count >= max_steps:
+            break
+        steps = min(LOOK_EVERY, max_steps - count)
+        step.relax(steps)
+        count += steps
     step.set_factors()
     _stop(step, held)
     if not worst <= tolerance:

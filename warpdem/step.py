@@ -49,7 +49,7 @@ from .kernels.friction import HOLDS
 from .kernels.lattice import lattice_angles, lattice_energies, lattice_forces
 from .kernels.motion import NO_LOADS, Ends, element_energies, integrator_energies, move
 from .kernels.plastic import dilation_books, evm_slips, facet_slip, numbers_type, radial_return
-from .kernels.relaxation import fire, fire_power
+from .kernels.relaxation import PIECE, STEER, fire, fire_power, fire_steer, fire_sums
 from .kernels.relink import LINKS, WAITS, drop_rest, heal_bonds, join_faces, link_bonds
 from .kernels.stress import element_stress
 from .kernels.viscous import (
@@ -422,20 +422,21 @@ class Step:
         """Listed bonds that meet their law of healing and lack the energy to link."""
         return np.flatnonzero(self.arrays["healing_state"].numpy() == WAITS)
 
-    def relaxing_sums(self) -> tuple[float, float, float]:
-        """Power of the net forces, v.M v and F.M^-1 F, summed over all elements."""
+    def start_relaxing(self) -> None:
+        """Before steps of relaxation, with the forces at hand."""
         if self._relax is None:
             self._relax, self._relax_power = self._bind_relax()
-            self._relax_power.launch()
-        power, kinetic, force = (self._sum("relaxing_" + x) for x in ("power", "kinetic", "force"))
-        return power, kinetic, force
+        self._write("relaxing_state", np.array([STEER, 0.0]))
+        self._relax_power.launch()
 
-    def relax(self, keep: float, push: float) -> None:
-        """One step of relaxation: v <- keep v + push M^-1 F, drift, evaluate forces."""
+    def relax(self, steps: int) -> None:
+        """So many steps of relaxation: v <- keep v + push M^-1 F, drift, evaluate forces."""
         assert self._relax is not None
-        self._write("relaxing_mix", np.array([keep, push]))
-        self._relax.launch()
-        if self.neighbours is not None:
+        if self.neighbours is None:
+            self._relax.launch(steps)
+            return
+        for _ in range(steps):
+            self._relax.launch()
             self._touch(moves=False)
             self._relax_power.launch()
 
@@ -984,8 +985,13 @@ class Step:
         (s, k), m, f = self._space, self.model, self.model.features
         for name in ("power", "kinetic", "force"):
             self.upload("relaxing_" + name, np.zeros(m.elements))
+        pieces = -(-m.elements // PIECE)
         self.upload("relaxing_mix", np.zeros(2))
-        steer, power = (
+        self.upload("relaxing_state", np.zeros(2))
+        self.upload("relaxing_sums", np.zeros((pieces, 3)))
+        sums = self._bind(fire_sums(s), pieces, elements=m.elements)
+        steer = self._bind(fire_steer(s), 1, pieces=pieces, dt=self.dt)
+        push, power = (
             self._bind(
                 law(s, k, f.ends, f.external, f.has_moments, self._simd),
                 m.elements,
@@ -993,7 +999,8 @@ class Step:
             )
             for law in (fire, fire_power)
         )
-        passes = [steer, self._move(0.0, 0.0, drifts=True), *self._force_passes()]
+        drift = self._move(0.0, 0.0, drifts=True)
+        passes = [sums, steer, push, drift, *self._force_passes()]
         if self.neighbours is None:
             passes.append(power)
         return self._passes(passes), power

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..passes import BATCH
+from ..passes import BATCH, MANY
 from ..simulation import Simulation
 from ..write.record import describe_machine
+
+WARM = 10.0  # seconds at most before a timing
 
 
 def about() -> dict[str, Any]:
@@ -58,8 +60,11 @@ def seconds_a_step(sim: Simulation, seconds: float = 0.2) -> Callable[[], float]
         sim.run(steps=steps)
         return (sim.seconds - began) / steps
 
-    timed(2 + BATCH)  # every graph is captured
-    graphs = round(seconds / timed(BATCH) / BATCH)
+    timed(2)
+    each = timed(BATCH)
+    if each * MANY < WARM:  # so that graphs of many steps are captured as well
+        timed(MANY + BATCH)
+    graphs = round(seconds / each / BATCH)
     return lambda: timed(BATCH * max(1, min(64, graphs)))
 
 

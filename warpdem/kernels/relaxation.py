@@ -8,6 +8,10 @@ from .algebra import Laws
 from .memory import get, kernel, nn, put
 from .motion import Ends, Loads, inertia, net
 
+# as if masses were 1/LIGHT times as large, since steering adds to the push of the forces
+STEER, STEER_DECAY, PATIENCE, LIGHT = 0.1, 0.99, 5.0, 0.25
+PIECE = 512  # elements that are summed one after the other
+
 
 @cache
 def fire_power(s: Laws, k: Laws, ends: Ends, external: Loads, has_moments: bool, simd: bool = True):
@@ -121,3 +125,74 @@ def fire(s: Laws, k: Laws, ends: Ends, external: Loads, has_moments: bool, simd:
         s.store_spin(angular_velocity, i, w)
 
     return kernel(fire, simd)
+
+
+@cache
+def fire_sums(s: Laws):
+    """Per piece of the elements: the sums of what `fire_power` worked out."""
+    real = s.real
+
+    def fire_sums(
+        relaxing_power: wp.array(dtype=real),
+        relaxing_kinetic: wp.array(dtype=real),
+        relaxing_force: wp.array(dtype=real),
+        # written
+        relaxing_sums: wp.array(dtype=wp.float64),
+        elements: int,
+    ):
+        piece = wp.tid()
+        power = wp.float64(0.0)
+        kinetic = wp.float64(0.0)
+        force = wp.float64(0.0)
+        for i in range(piece * PIECE, wp.min((piece + 1) * PIECE, elements)):
+            power += wp.float64(relaxing_power[i])
+            kinetic += wp.float64(relaxing_kinetic[i])
+            force += wp.float64(relaxing_force[i])
+        relaxing_sums[3 * piece] = power
+        relaxing_sums[3 * piece + 1] = kinetic
+        relaxing_sums[3 * piece + 2] = force
+
+    return kernel(fire_sums, simd=False)
+
+
+@cache
+def fire_steer(s: Laws):
+    """How velocities are steered in the next step: along the forces while these do work, more and
+    more freely; else they stop."""
+    real = s.real
+
+    def fire_steer(
+        relaxing_sums: wp.array(dtype=wp.float64),
+        # written
+        relaxing_state: wp.array(dtype=wp.float64),
+        relaxing_mix: wp.array(dtype=real),
+        pieces: int,
+        dt: wp.float64,
+    ):
+        power = wp.float64(0.0)
+        kinetic = wp.float64(0.0)
+        force = wp.float64(0.0)
+        for piece in range(pieces):
+            power += relaxing_sums[3 * piece]
+            kinetic += relaxing_sums[3 * piece + 1]
+            force += relaxing_sums[3 * piece + 2]
+        steer = relaxing_state[0]
+        downhill = relaxing_state[1]
+        keep = wp.float64(0.0)
+        push = wp.float64(LIGHT) * dt
+        if power > wp.float64(0.0):
+            downhill += wp.float64(1.0)
+            keep = wp.float64(1.0) - steer
+            if force > wp.float64(0.0):
+                push += steer * wp.sqrt(kinetic / force)
+            if downhill > wp.float64(PATIENCE):
+                steer *= wp.float64(STEER_DECAY)
+        else:
+            downhill = wp.float64(0.0)
+            steer = wp.float64(STEER)
+        relaxing_state[0] = steer
+        relaxing_state[1] = downhill
+        relaxing_mix[0] = real(keep)
+        relaxing_mix[1] = real(push)
+
+    return kernel(fire_steer, simd=False)
