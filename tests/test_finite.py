@@ -80,6 +80,7 @@ def pulled(precision="float64", packing=None):
     return sim
 
 
+@pytest.mark.slow
 def test_precisions_agree():
     exact = pulled()
     assert exact.plastic_strain.mean() > 0.08
@@ -150,7 +151,8 @@ def renewing(share=0.3, precision="float64", packing=None, **given):
 
 
 @pytest.mark.parametrize(
-    "precision", ["float64", "float32", pytest.param("mixed", marks=pytest.mark.slow)]
+    "precision",
+    ["float64", *(pytest.param(x, marks=pytest.mark.slow) for x in ("float32", "mixed"))],
 )
 def test_faces_are_renewed_in_every_precision(precision):
     sim, rate = renewing(precision=precision)

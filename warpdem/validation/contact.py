@@ -95,7 +95,7 @@ def neighbour_lists() -> Iterator[Measurement]:
                 yield vanishing(f"pairs listed twice, {where}", "tree search", double, 0.0)
 
 
-@case("contact")
+@case("contact", slow=True)
 def two_elements_collide() -> Iterator[Measurement]:
     """Two elements meet obliquely: momentum, energy, the speed along the normal they part at."""
     for dim in (2, 3):
@@ -136,7 +136,7 @@ def two_elements_collide() -> Iterator[Measurement]:
                 yield vanishing(f"energy missing, {where}", "conserved", error, limit)
 
 
-@case("contact")
+@case("contact", slow=True)
 def dashpots_give_restitution() -> Iterator[Measurement]:
     """Unlike elements, and an element and a wall, meet head on with dashpots of a restitution, at a
     tenth of the greatest time step: its error falls with the square of that."""
@@ -433,7 +433,7 @@ def sliders_stick_for_long() -> Iterator[Measurement]:
         yield from _stuck(name, 0.8, 1_000_000)
 
 
-@case("contact")
+@case("contact", slow=True)
 def sliders_stick() -> Iterator[Measurement]:
     """Below the angle of friction an element and a block do not creep; above it they slide."""
     for name in ("element, 2D", "element, 3D", "block"):

@@ -201,7 +201,7 @@ def _periodic(name: str) -> Packing:
     }[name]()
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_return() -> Iterator[Measurement]:
     """One return from random states: slips and plastic strains against NumPy, forces after it."""
     law = VonMises(0.05, Linear(0.1))
@@ -439,7 +439,7 @@ def finite_strain_renewed() -> Iterator[Measurement]:
                     )  # fmt: skip
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def finite_strain_renewal() -> Iterator[Measurement]:
     """One renewal: of uniform states of periodic bodies, and of free bodies that spin and flow."""
     for name, p in {

@@ -218,7 +218,7 @@ def _hexagonal(plane: str) -> Packing:
     return packing.hexagonal((12.0, 21.6), 1.0, plane)
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def pulled_blocks() -> Iterator[Measurement]:
     """Blocks with free sides, hexagonal 12 wide and fcc 4 wide, pulled to a strain of 0.015.
 
@@ -266,7 +266,7 @@ def pulled_blocks() -> Iterator[Measurement]:
             yield Measurement(what, elastic, "elastic block", found, error, 1e-3)
 
 
-@case("plastic")
+@case("plastic", slow=True)
 def cycles() -> Iterator[Measurement]:
     """Periodic random cells strained to 0.02, to -0.02 and to 0.02 again at constant volume.
 

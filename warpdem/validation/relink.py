@@ -143,7 +143,7 @@ def _cycles(cycles: int, precision: str, heals: bool) -> Iterator[Measurement]:
     yield vanishing(f"energy missing in {what}", "conserved", left, limit)
 
 
-@case("relink")
+@case("relink", slow=True)
 def cycles_of_a_bond() -> Iterator[Measurement]:
     """A bar is pulled until it breaks and pushed until it welds, 20 times; and a cut one is opened
     and closed 40 times: no energy is created."""

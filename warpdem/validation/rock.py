@@ -124,7 +124,7 @@ def rock_strength_ratio() -> Iterator[Measurement]:
     yield from _ratio("Voronoi, plane stress", Specimen(**PLATE))
 
 
-@case("fracture")
+@case("fracture", slow=True)
 def rock_confined() -> Iterator[Measurement]:
     """Bonds of one strength, confined: the specimen bears what the criterion does."""
     p = Confined(weibull=inf, pressure=10e6, **PLATE)

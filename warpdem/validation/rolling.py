@@ -47,7 +47,7 @@ def _inertia(sim: Simulation) -> float:
     return float(sim.model.inertia[0] / (sim.model.mass[0] * RADIUS**2))
 
 
-@case("contact")
+@case("contact", slow=True)
 def rollers_stop() -> Iterator[Measurement]:
     """A disc and a sphere that roll on a plane come to rest after v^2/(2 a), a being
     mu_r g/(1 + J/(m R^2)); a sphere that spins on it after the turn J w^2/(2 mu_t R N)."""

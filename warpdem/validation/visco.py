@@ -567,7 +567,7 @@ def time_steps() -> Iterator[Measurement]:
     yield at_least("refused above the limit", "A9", refused, 1)
 
 
-@case("visco")
+@case("visco", slow=True)
 def precisions() -> Iterator[Measurement]:
     """Mixed and single precision against double: held bodies that flow by 2e-5 of all a step."""
     shear = np.array([[0.0, 1e-3], [1e-3, 0.0]])

@@ -379,7 +379,7 @@ def _sphere_on_block(wide: int, depth: int) -> Iterator[Measurement]:
         yield Measurement(f"{what}, {len(x)} elements", wanted, "Hertz", found, error, 0.04)
 
 
-@case("wall")
+@case("wall", slow=True)
 def hertz_collision_of_two_spheres() -> Iterator[Measurement]:
     """Unlike elements, and an element and a wall, meet head on by Hertz's law: greatest overlap
     (15 m v^2/(16 E* sqrt(R)))^(2/5) and duration 2.94326 times that over v (Johnson 1985, 11.4)."""
