@@ -34,8 +34,9 @@ def machine(about: dict[str, Any]) -> str:
     packages = ", ".join(f"{k} {versions[k]}" for k in ("warpdem", "warp-lang", "numpy"))
     load = about["load"]
     busy = f"; load of other work as it began {load[0]:.1f}" if load else ""
+    vectors = f" ({about['vectors']})" if about.get("vectors") else ""
     return (
-        f"{about['processor']}, {about['cores']} cores, {about['system']}; Python "
+        f"{about['processor']}{vectors}, {about['cores']} cores, {about['system']}; Python "
         f"{about['python']}, {packages}; {about['date']}{busy}."
     )
 

@@ -19,11 +19,14 @@ WARM = 10.0  # seconds at most before a timing
 
 def about() -> dict[str, Any]:
     """Machine, versions, date, and how busy the machine is with other things."""
-    info = Path("/proc/cpuinfo")
-    model = re.search(r"model name\s*:\s*(.+)", info.read_text()) if info.exists() else None
+    path = Path("/proc/cpuinfo")
+    info = path.read_text() if path.exists() else ""
+    model = re.search(r"model name\s*:\s*(.+)", info)
+    vectors = next((name for name in ("avx512f", "avx2", "avx") if f" {name} " in info), "")
     return {
         **describe_machine(),
         "processor": model[1] if model else platform.processor(),
+        "vectors": vectors,
         "cores": os.cpu_count(),
         "load": list(os.getloadavg()) if hasattr(os, "getloadavg") else [],
         "date": date.today().isoformat(),
